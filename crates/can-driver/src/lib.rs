@@ -1,0 +1,1 @@
+//! CAN buses, the joint protocol and both of its ends.

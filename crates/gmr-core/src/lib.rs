@@ -1,0 +1,1 @@
+//! Gaussian mixtures, Gaussian mixture regression, ARIMA and their weight fusion.

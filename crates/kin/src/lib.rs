@@ -1,0 +1,1 @@
+//! Robot kinematics, camera geometry and retargeting.

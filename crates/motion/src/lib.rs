@@ -1,0 +1,1 @@
+//! Online jerk-limited tracking of a moving target.

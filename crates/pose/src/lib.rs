@@ -1,0 +1,1 @@
+//! Image to keypoints: networks, OpenPose decoding, training targets, evaluation, gates and filters.

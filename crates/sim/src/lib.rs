@@ -1,0 +1,1 @@
+//! A rapier robot arm behind the joint protocol, and a synthetic worker with a camera.

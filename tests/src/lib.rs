@@ -1,0 +1,1 @@
+//! System, vcan and golden tests.
