@@ -1,0 +1,5 @@
+"""Entry of `python -m ogg_rs.train`."""
+
+from .cli import main
+
+raise SystemExit(main())

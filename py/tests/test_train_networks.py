@@ -1,0 +1,120 @@
+"""Shapes, widths and sizes of the two networks, and that folding and exporting change nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from train_support import require_training_packages
+
+require_training_packages()
+
+import torch
+
+from ogg_rs.train.export import LastStage, export
+from ogg_rs.train.nets import OggLite, OggVgg, fold_batch_norm, parameter_count
+from ogg_rs.train.nets.vgg import F_CHANNELS, STAGE_WIDTHS, VGG16_TEN, Pool
+
+
+def test_ogg_lite_answers_in_two_stages_of_19_and_38_maps_at_stride_8() -> None:
+    stages = OggLite(19, 38)(torch.zeros(2, 3, 96, 128))
+    assert [(tuple(s.shape), tuple(f.shape)) for s, f in stages] == [((2, 19, 12, 16), (2, 38, 12, 16))] * 2
+
+
+def test_ogg_vgg_answers_in_six_stages_of_19_and_38_maps_at_stride_8() -> None:
+    network = OggVgg(19, 38).eval()
+    with torch.no_grad():
+        stages = network(torch.zeros(1, 3, 32, 48))
+        assert network.features(torch.zeros(1, 3, 32, 48)).shape == (1, 512, 4, 6)
+    assert [(tuple(s.shape), tuple(f.shape)) for s, f in stages] == [((1, 19, 4, 6), (1, 38, 4, 6))] * 6
+
+
+def test_ogg_vgg_stage_outputs_have_the_widths_of_table_1() -> None:
+    network = OggVgg(19, 38)
+    for branches in (network.pcm_branches, network.paf_branches):
+        assert [branch.head.in_channels for branch in branches] == [640, 768, 768, 768, 1024, 1024]
+        assert [branch.convs[0].conv.in_channels for branch in branches] == [512, 640, 768, 768, 768, 1024]
+        widths = [tuple(c.conv.out_channels for c in branch.convs) for branch in branches]
+        assert widths == [
+            (8, 16, 32, 64, 128),
+            (16, 32, 64, 128, 256),
+            (16, 32, 64, 128, 256),
+            (16, 32, 64, 128, 256),
+            (32, 64, 128, 256, 512),
+            (32, 64, 128, 256, 512),
+        ]
+
+
+def test_ogg_vgg_has_as_many_parameters_as_its_layers_add_up_to() -> None:
+    def conv(inputs: int, outputs: int, kernel: int, bias: bool = True) -> int:
+        return inputs * outputs * kernel * kernel + (outputs if bias else 0)
+
+    total, inputs = 0, 3
+    for level, widths in enumerate(VGG16_TEN):
+        total += conv(inputs, inputs, 1) if level else 0
+        for width in widths:
+            total += conv(inputs, width, 3)
+            inputs = width
+    total += 3 * conv(512, 512, 3)
+    for maps in (19, 38):
+        inputs = F_CHANNELS
+        for widths in STAGE_WIDTHS:
+            for width in widths:
+                total += conv(inputs, width, 3) + conv(inputs, width, 1, bias=False)
+                inputs = width
+            inputs += F_CHANNELS
+            total += conv(inputs, maps, 1)
+    network = OggVgg(19, 38)
+    assert parameter_count(network) == total
+    assert sum(1 for widths in VGG16_TEN for _ in widths) == 10
+
+
+def test_the_1x1_pooling_convolution_starts_as_the_identity() -> None:
+    x = torch.rand(1, 64, 8, 8)
+    assert torch.allclose(Pool(64)(x), torch.nn.functional.max_pool2d(x, 2), atol=1e-6)
+
+
+def trained_looking(network: OggLite) -> OggLite:
+    """Batch normalisations away from their start, so that folding has something to fold."""
+    generator = torch.Generator().manual_seed(1)
+    for module in network.modules():
+        if isinstance(module, torch.nn.BatchNorm2d):
+            module.running_mean.copy_(torch.randn(module.num_features, generator=generator) * 0.2)
+            module.running_var.copy_(torch.rand(module.num_features, generator=generator) + 0.5)
+            with torch.no_grad():
+                module.weight.copy_(torch.rand(module.num_features, generator=generator) + 0.5)
+                module.bias.copy_(torch.randn(module.num_features, generator=generator) * 0.2)
+    for stage in network.stages:
+        for head in (stage.pcm, stage.paf):
+            torch.nn.init.normal_(head.bias, std=0.1, generator=generator)
+    return network.eval()
+
+
+def test_folding_batch_normalisation_keeps_the_function() -> None:
+    network = trained_looking(OggLite(19, 38))
+    folded = fold_batch_norm(network)
+    assert not any(isinstance(m, torch.nn.BatchNorm2d) for m in folded.modules())
+    x = torch.rand(1, 3, 64, 64, generator=torch.Generator().manual_seed(2)) - 0.5
+    with torch.no_grad():
+        for before, after in zip(network(x)[-1], folded(x)[-1], strict=True):
+            assert (before - after).abs().max() < 1e-4
+
+
+def test_the_exported_network_agrees_with_pytorch_and_has_a_fixed_shape(tmp_path: Path) -> None:
+    import onnx
+    import onnxruntime
+
+    network = trained_looking(OggLite(19, 38))
+    path = tmp_path / "lite.onnx"
+    digest = export(network, (64, 48), path, metadata={"network": "ogg-lite"})
+    assert len(digest) == 64
+    proto = onnx.load(path)
+    assert 13 <= proto.opset_import[0].version <= 17
+    assert {node.op_type for node in proto.graph.node} <= {"Conv", "Relu", "Add", "Concat"}
+    session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
+    assert session.get_inputs()[0].shape == [1, 3, 48, 64]
+    assert [(o.name, o.shape) for o in session.get_outputs()] == [("pcm", [1, 19, 6, 8]), ("paf", [1, 38, 6, 8])]
+    x = torch.rand(1, 3, 48, 64, generator=torch.Generator().manual_seed(3)) - 0.5
+    with torch.no_grad():
+        expected = LastStage(network)(x)
+    for want, got in zip(expected, session.run(None, {"image": x.numpy()}), strict=True):
+        assert abs(want.numpy() - got).max() < 1e-4
