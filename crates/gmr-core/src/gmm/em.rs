@@ -1,0 +1,323 @@
+//! The EM iteration.
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+
+use super::mixture::{Mixture, MixtureParts};
+use super::params::{CovarianceKind, GmmParams, Start};
+use super::report::{FitReport, Floored, Regularisation, RestartOutcome, RestartReport, Stop};
+use super::start;
+use crate::error::{Error, Result, check_len};
+use crate::kernel::{Blocks, Moments, moments};
+use crate::linalg::clip_eigenvalues;
+use crate::samples::Samples;
+
+/// A component whose share of the total weight falls below this has no samples left.
+const EMPTY_SHARE: f64 = 1e-10;
+/// Moments about the old mean lose `log10(shift^2 / variance)` digits; beyond three the pass is
+/// repeated about the new mean.
+const RECENTRE_RATIO: f64 = 1e3;
+
+/// The state of one EM run.
+struct Run {
+    mixture: Mixture,
+    stop: Stop,
+    iterations: usize,
+    history: Vec<f64>,
+    log_likelihood: f64,
+    k_means_iterations: usize,
+    floored: Vec<Floored>,
+    recentred: usize,
+}
+
+pub(super) fn fit(params: &GmmParams, samples: &Samples<'_>) -> Result<(Mixture, FitReport)> {
+    let (n, d, k) = (samples.len(), samples.dim(), params.components);
+    if let Start::Mixture(mixture) = &params.start {
+        check_len("sample dimension of the warm start", mixture.dim(), d)?;
+    }
+    let usable = (0..n).filter(|&i| samples.weight(i) > 0.0).count();
+    if usable < k {
+        return Err(Error::TooFewSamples { what: "mixture fit", needed: k, got: usable });
+    }
+    if let Some(index) = samples.values().iter().position(|v| v.is_nan()) {
+        return Err(Error::NotFinite { what: "samples", index, value: f64::NAN });
+    }
+    let blocks = Blocks::new(samples, None);
+    let total = samples.total_weight();
+    let runs: Vec<std::result::Result<Run, (RestartOutcome, usize)>> =
+        (0..params.restarts).into_par_iter().map(|restart| run(params, samples, &blocks, total, restart)).collect();
+    let restarts: Vec<RestartReport> = runs
+        .iter()
+        .map(|run| match run {
+            Ok(run) => RestartReport {
+                outcome: RestartOutcome::Fitted(run.stop),
+                iterations: run.iterations,
+                log_likelihood: Some(run.log_likelihood / total),
+            },
+            Err((outcome, iterations)) => {
+                RestartReport { outcome: *outcome, iterations: *iterations, log_likelihood: None }
+            }
+        })
+        .collect();
+    let mut best: Option<(usize, Run)> = None;
+    for (index, run) in runs.into_iter().enumerate() {
+        if let Ok(run) = run
+            && best.as_ref().is_none_or(|(_, b)| run.log_likelihood > b.log_likelihood)
+        {
+            best = Some((index, run));
+        }
+    }
+    let Some((best_restart, run)) = best else {
+        return Err(Error::AllRestartsFailed { restarts });
+    };
+    let parameters = run.mixture.parameters();
+    let report = FitReport {
+        stop: run.stop,
+        iterations: run.iterations,
+        history: run.history,
+        log_likelihood: run.log_likelihood,
+        parameters,
+        bic: parameters as f64 * total.ln() - 2.0 * run.log_likelihood,
+        aic: 2.0 * parameters as f64 - 2.0 * run.log_likelihood,
+        restarts,
+        best_restart,
+        k_means_iterations: run.k_means_iterations,
+        regularisation: Regularisation {
+            ridge: params.ridge,
+            shrinkage: params.shrinkage,
+            floor: params.floor,
+            floored: run.floored,
+        },
+        recentred: run.recentred,
+    };
+    Ok((run.mixture, report))
+}
+
+type Failure = (RestartOutcome, usize);
+
+fn run(
+    params: &GmmParams,
+    samples: &Samples<'_>,
+    blocks: &Blocks,
+    total: f64,
+    restart: usize,
+) -> std::result::Result<Run, Failure> {
+    let d = blocks.dim();
+    let mut floored = Vec::new();
+    let mut k_means_iterations = 0;
+    let mut mixture = if let Start::Mixture(mixture) = &params.start {
+        mixture.as_ref().clone()
+    } else {
+        let mut rng = ChaCha8Rng::seed_from_u64(params.seed);
+        rng.set_stream(restart as u64);
+        let assignment = start::assign(&params.start, blocks, samples, params.components, &mut rng);
+        k_means_iterations = assignment.iterations;
+        let (moments, centres) = hard_moments(samples, &assignment.labels, params.components);
+        maximise(params, &moments, &centres, total, 0, &mut floored).map_err(|o| (o, 0))?
+    };
+    let mut history = Vec::new();
+    let mut previous = f64::NEG_INFINITY;
+    let mut stop = Stop::IterationLimit { change: f64::INFINITY };
+    let mut recentred = 0;
+    for iteration in 1..=params.max_iterations {
+        let mut centres = mixture.means().to_vec();
+        let mut about = moments(blocks, mixture.kernel(), &centres);
+        let mean = about.log_likelihood / total;
+        if !mean.is_finite() {
+            return Err((RestartOutcome::NoSupport { iteration }, iteration));
+        }
+        if recentre(&about, &mut centres, d) {
+            recentred += 1;
+            about = moments(blocks, mixture.kernel(), &centres);
+        }
+        history.push(mean);
+        mixture = maximise(params, &about, &centres, total, iteration, &mut floored).map_err(|o| (o, iteration))?;
+        let change = mean - previous;
+        previous = mean;
+        if change.abs() < params.tolerance {
+            stop = Stop::Converged { change };
+            break;
+        }
+        stop = Stop::IterationLimit { change };
+    }
+    let log_likelihood = mixture
+        .log_likelihood(samples)
+        .ok()
+        .filter(|l| l.is_finite())
+        .ok_or((RestartOutcome::NoSupport { iteration: history.len() }, history.len()))?;
+    Ok(Run {
+        mixture,
+        stop,
+        iterations: history.len(),
+        history,
+        log_likelihood,
+        k_means_iterations,
+        floored,
+        recentred,
+    })
+}
+
+/// Moments of a hard assignment, each component about its own mean.
+fn hard_moments(samples: &Samples<'_>, labels: &[u32], k: usize) -> (Moments, Vec<f64>) {
+    let d = samples.dim();
+    let mut moments = Moments::zero(k, d);
+    let mut centres = vec![0.0; k * d];
+    for (i, &label) in labels.iter().enumerate() {
+        let (c, w) = (label as usize, samples.weight(i));
+        moments.mass[c] += w;
+        for (m, v) in centres[c * d..(c + 1) * d].iter_mut().zip(samples.row(i)) {
+            *m += w * v;
+        }
+    }
+    for (centre, mass) in centres.chunks_exact_mut(d).zip(&moments.mass) {
+        if *mass > 0.0 {
+            centre.iter_mut().for_each(|m| *m /= mass);
+        }
+    }
+    let mut z = vec![0.0; d];
+    for (i, &label) in labels.iter().enumerate() {
+        let (c, w) = (label as usize, samples.weight(i));
+        for ((z, v), m) in z.iter_mut().zip(samples.row(i)).zip(&centres[c * d..]) {
+            *z = v - m;
+        }
+        let second = &mut moments.second[c * d * d..(c + 1) * d * d];
+        for (a, row) in second.chunks_exact_mut(d).enumerate() {
+            let wz = w * z[a];
+            moments.first[c * d + a] += wz;
+            for (s, z) in row[..=a].iter_mut().zip(&z) {
+                *s += wz * z;
+            }
+        }
+    }
+    (moments, centres)
+}
+
+/// Moves `centres` to the new means when some component has moved by many of its new deviations.
+fn recentre(moments: &Moments, centres: &mut [f64], d: usize) -> bool {
+    let far = moments.mass.iter().enumerate().any(|(c, mass)| {
+        *mass > 0.0
+            && (0..d).any(|j| {
+                let shift = moments.first[c * d + j] / mass;
+                let spread = moments.second[(c * d + j) * d + j] / mass - shift * shift;
+                shift * shift > RECENTRE_RATIO * spread
+            })
+    });
+    if far {
+        for (c, mass) in moments.mass.iter().enumerate().filter(|(_, m)| **m > 0.0) {
+            for j in 0..d {
+                centres[c * d + j] += moments.first[c * d + j] / mass;
+            }
+        }
+    }
+    far
+}
+
+/// The M step: weights, means and covariances from moments about `centres`.
+fn maximise(
+    params: &GmmParams,
+    moments: &Moments,
+    centres: &[f64],
+    total: f64,
+    iteration: usize,
+    floored: &mut Vec<Floored>,
+) -> std::result::Result<Mixture, RestartOutcome> {
+    let (k, d, kind) = (moments.mass.len(), moments.dim, params.covariance);
+    let mass_sum: f64 = moments.mass.iter().sum();
+    let mut means = centres.to_vec();
+    let mut scatter = vec![0.0; k * d * d];
+    for c in 0..k {
+        let mass = moments.mass[c];
+        if !(mass > EMPTY_SHARE * total) {
+            return Err(RestartOutcome::EmptyComponent { component: c, iteration, share: mass / total });
+        }
+        let first = &moments.first[c * d..(c + 1) * d];
+        for (m, s) in means[c * d..(c + 1) * d].iter_mut().zip(first) {
+            *m += s / mass;
+        }
+        for i in 0..d {
+            for j in 0..=i {
+                let value = (moments.second[(c * d + i) * d + j] - first[i] * first[j] / mass) / mass;
+                // Rounding can leave a variance of duplicates a hair below zero.
+                let value = if i == j { value.max(0.0) } else { value };
+                scatter[(c * d + i) * d + j] = value;
+                scatter[(c * d + j) * d + i] = value;
+            }
+        }
+    }
+    let weights: Vec<f64> = moments.mass.iter().map(|m| m / mass_sum).collect();
+    let mut covariances = match kind {
+        CovarianceKind::Full => scatter,
+        CovarianceKind::Tied => {
+            let mut pooled = vec![0.0; d * d];
+            for (matrix, weight) in scatter.chunks_exact(d * d).zip(&weights) {
+                for (p, v) in pooled.iter_mut().zip(matrix) {
+                    *p += weight * v;
+                }
+            }
+            pooled
+        }
+        CovarianceKind::Diagonal | CovarianceKind::Spherical => (0..k * d).map(|i| scatter[i * d + i % d]).collect(),
+    };
+    if kind == CovarianceKind::Spherical {
+        covariances = covariances.chunks_exact(d).map(|v| v.iter().sum::<f64>() / d as f64).collect();
+    }
+    regularise(params, &mut covariances, d, iteration, floored);
+    Mixture::new(MixtureParts { kind, dim: d, weights, means, covariances }).map_err(|e| match e {
+        Error::NotPositiveDefinite { index, value, .. } => {
+            RestartOutcome::CollapsedComponent { component: index, iteration, pivot: value }
+        }
+        _ => RestartOutcome::NoSupport { iteration },
+    })
+}
+
+/// Shrinkage, ridge and floor, in this order.
+fn regularise(params: &GmmParams, covariances: &mut [f64], d: usize, iteration: usize, floored: &mut Vec<Floored>) {
+    let (lambda, ridge, floor) = (params.shrinkage, params.ridge, params.floor);
+    let mut note = |component: usize, smallest: f64| match floored.iter_mut().find(|f| f.component == component) {
+        Some(f) => {
+            f.last_iteration = iteration;
+            f.times += 1;
+            f.smallest_eigenvalue = f.smallest_eigenvalue.min(smallest);
+        }
+        None => floored.push(Floored {
+            component,
+            first_iteration: iteration,
+            last_iteration: iteration,
+            times: 1,
+            smallest_eigenvalue: smallest,
+        }),
+    };
+    if params.covariance.is_diagonal() {
+        let per = if params.covariance == CovarianceKind::Diagonal { d } else { 1 };
+        for (component, variances) in covariances.chunks_exact_mut(per).enumerate() {
+            let mean = variances.iter().sum::<f64>() / per as f64;
+            let mut smallest = f64::INFINITY;
+            for v in variances {
+                *v = lambda.mul_add(mean - *v, *v) + ridge;
+                if *v < floor {
+                    smallest = smallest.min(*v);
+                    *v = floor;
+                }
+            }
+            if smallest < f64::INFINITY {
+                note(component, smallest);
+            }
+        }
+    } else {
+        for (component, matrix) in covariances.chunks_exact_mut(d * d).enumerate() {
+            let mean = (0..d).map(|i| matrix[i * d + i]).sum::<f64>() / d as f64;
+            if lambda > 0.0 {
+                matrix.iter_mut().for_each(|v| *v *= 1.0 - lambda);
+            }
+            for i in 0..d {
+                matrix[i * d + i] += lambda * mean + ridge;
+            }
+            if floor > 0.0
+                && let Some(smallest) = clip_eigenvalues(matrix, d, floor)
+            {
+                note(component, smallest);
+            }
+        }
+    }
+}

@@ -1,0 +1,170 @@
+//! Parameters of a fit, unchecked and checked.
+
+use serde::{Deserialize, Serialize};
+
+use super::em;
+use super::mixture::Mixture;
+use super::report::FitReport;
+use crate::error::{Error, Result};
+use crate::samples::Samples;
+
+/// Shape of the covariances.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CovarianceKind {
+    /// Each component has its own symmetric matrix: `k d (d + 1) / 2` numbers.
+    Full,
+    /// One symmetric matrix shared by all components: `d (d + 1) / 2` numbers.
+    Tied,
+    /// Each component has its own axis-aligned variances: `k d` numbers.
+    Diagonal,
+    /// Each component has one variance: `k` numbers.
+    Spherical,
+}
+
+/// Where the EM starts.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Start {
+    /// k-means++ seeds, then Lloyd iterations; each cluster becomes a component.
+    KMeans,
+    /// k-means++ seeds (Arthur and Vassilvitskii 2007); each sample goes to its nearest seed.
+    KMeansPlusPlus,
+    /// Distinct samples drawn at random as seeds; each sample goes to its nearest seed.
+    RandomSamples,
+    /// A given mixture (warm start). Restarts are pointless and refused.
+    Mixture(Box<Mixture>),
+}
+
+/// Freely set parameters of a mixture fit; [`GmmParams::validate`] turns them into a plan.
+///
+/// Data are expected in SI units; [`GmmParams::floor`] and [`GmmParams::ridge`] are variances in
+/// those units squared.
+///
+/// ```
+/// use gmr_core::{GmmParams, Samples};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// // Two groups on a line, three samples each.
+/// let values = [-1.1, -1.0, -0.9, 0.9, 1.0, 1.1];
+/// let plan = GmmParams { components: 2, ..GmmParams::default() }.validate()?;
+/// let (mixture, report) = plan.fit(&Samples::new(&values, 1)?)?;
+/// let mut means = mixture.means().to_vec();
+/// means.sort_by(f64::total_cmp);
+/// assert!((means[0] + 1.0).abs() < 1e-9 && (means[1] - 1.0).abs() < 1e-9);
+/// assert!(report.regularisation.floored.is_empty());
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct GmmParams {
+    /// Number of components `k`.
+    pub components: usize,
+    /// Shape of the covariances.
+    pub covariance: CovarianceKind,
+    /// Where the EM starts.
+    pub start: Start,
+    /// Independent starts; the one with the highest final log-likelihood is kept.
+    pub restarts: usize,
+    /// EM iterations at most, per start.
+    pub max_iterations: usize,
+    /// EM stops when the mean log-likelihood per sample (nats) changes by less than this.
+    pub tolerance: f64,
+    /// Added to every variance after each M step. Biases the fit on purpose; EM may then lose a
+    /// little likelihood per step.
+    pub ridge: f64,
+    /// Lower bound of every covariance eigenvalue. Does nothing to healthy components, keeps EM
+    /// monotone, and is reported whenever it acts. Zero turns it off: a collapse is then an outcome
+    /// of its restart.
+    pub floor: f64,
+    /// Share of each covariance replaced by its mean variance times the identity, in `[0, 1)`.
+    pub shrinkage: f64,
+    /// Seed of the start; the same seed and samples give the same bytes.
+    pub seed: u64,
+}
+
+impl Default for GmmParams {
+    /// One full-covariance component, k-means start, one restart, at most 500 iterations to
+    /// 1e-6 nats, floor 1e-9 (a deviation of 32 um, 32 urad or 32 us), no ridge, no shrinkage, seed 0.
+    fn default() -> Self {
+        Self {
+            components: 1,
+            covariance: CovarianceKind::Full,
+            start: Start::KMeans,
+            restarts: 1,
+            max_iterations: 500,
+            tolerance: 1e-6,
+            ridge: 0.0,
+            floor: 1e-9,
+            shrinkage: 0.0,
+            seed: 0,
+        }
+    }
+}
+
+impl GmmParams {
+    /// Checks every field.
+    ///
+    /// # Errors
+    /// [`Error::InvalidParameter`] names the field, the allowed interval and the value.
+    pub fn validate(self) -> Result<GmmPlan> {
+        let reject = |name, allowed, value| Err(Error::InvalidParameter { name, allowed, value });
+        if self.components == 0 {
+            return reject("components", "at least 1", 0.0);
+        }
+        if self.restarts == 0 {
+            return reject("restarts", "at least 1", 0.0);
+        }
+        if self.max_iterations == 0 {
+            return reject("max_iterations", "at least 1", 0.0);
+        }
+        if !(self.tolerance >= 0.0 && self.tolerance.is_finite()) {
+            return reject("tolerance", "[0, inf)", self.tolerance);
+        }
+        if !(self.ridge >= 0.0 && self.ridge <= 1e280) {
+            return reject("ridge", "[0, 1e280]", self.ridge);
+        }
+        if !(self.floor >= 0.0 && self.floor <= 1e280) {
+            return reject("floor", "[0, 1e280]", self.floor);
+        }
+        if !(self.shrinkage >= 0.0 && self.shrinkage < 1.0) {
+            return reject("shrinkage", "[0, 1)", self.shrinkage);
+        }
+        if let Start::Mixture(mixture) = &self.start {
+            if self.restarts != 1 {
+                return reject("restarts", "1 with a warm start", self.restarts as f64);
+            }
+            if mixture.components() != self.components {
+                return reject("components", "the number of components of the warm start", self.components as f64);
+            }
+            if mixture.covariance_kind() != self.covariance {
+                return reject("covariance", "the kind of the warm start", f64::NAN);
+            }
+        }
+        Ok(GmmPlan { params: self })
+    }
+}
+
+/// Checked parameters; the only thing that can fit a mixture.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GmmPlan {
+    params: GmmParams,
+}
+
+impl GmmPlan {
+    /// The checked parameters.
+    pub fn params(&self) -> &GmmParams {
+        &self.params
+    }
+
+    /// Fits a mixture to `samples: (n, d)` by expectation maximisation.
+    ///
+    /// Runs on the current rayon thread pool; the result does not depend on its size.
+    ///
+    /// # Errors
+    /// Fewer distinct samples than components, missing values where they are not accepted, or
+    /// [`Error::AllRestartsFailed`] when every start ended in an empty or collapsed component.
+    pub fn fit(&self, samples: &Samples<'_>) -> Result<(Mixture, FitReport)> {
+        em::fit(&self.params, samples)
+    }
+}

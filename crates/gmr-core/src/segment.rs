@@ -1,0 +1,82 @@
+//! Cutting a demonstration into motion elements.
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result};
+use crate::trajectory::Trajectory;
+
+/// A piece of a demonstration between two boundaries.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct MotionElement {
+    /// Where it begins, on the demonstration's clock.
+    pub start_s: f64,
+    /// Where it ends.
+    pub end_s: f64,
+}
+
+impl MotionElement {
+    /// Its length.
+    pub fn duration_s(&self) -> f64 {
+        self.end_s - self.start_s
+    }
+
+    /// Rows `(t - start, h)` of the samples within `margin_s` of the element, `(m, 1 + d)`.
+    pub fn samples(&self, trajectory: &Trajectory, margin_s: f64) -> Vec<f64> {
+        let times = trajectory.times_s();
+        // Half a nanosecond absorbs the rounding of `i * period` against the sample clock.
+        let from = times.partition_point(|&t| t < self.start_s - margin_s - 5e-10);
+        let to = times.partition_point(|&t| t <= self.end_s + margin_s + 5e-10);
+        let mut rows = Vec::with_capacity((to - from) * (trajectory.dim() + 1));
+        for (i, time) in times.iter().enumerate().take(to).skip(from) {
+            rows.push(time - self.start_s);
+            rows.extend_from_slice(trajectory.row(i));
+        }
+        rows
+    }
+}
+
+/// Cuts at multiples of `period_s` from the first sample (paper: 1000 ms). A remainder shorter than
+/// half a period joins the last element; a longer one becomes an element of its own.
+///
+/// ```
+/// use gmr_core::{Trajectory, segment_fixed};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// let times: Vec<f64> = (0..=23).map(|i| f64::from(i) * 0.1).collect();
+/// let line = Trajectory::new(times.clone(), times, 1)?;
+/// let elements = segment_fixed(&line, 1.0)?;
+/// assert_eq!(elements.len(), 2);
+/// assert!((elements[1].end_s - 2.3).abs() < 1e-12);
+/// # Ok(())
+/// # }
+/// ```
+///
+/// # Errors
+/// A period that is not positive and finite, or a trajectory of one sample.
+pub fn segment_fixed(trajectory: &Trajectory, period_s: f64) -> Result<Vec<MotionElement>> {
+    if !(period_s > 0.0 && period_s.is_finite()) {
+        return Err(Error::InvalidParameter { name: "period_s", allowed: "(0, inf)", value: period_s });
+    }
+    let (start, end) = ends(trajectory)?;
+    let count = (((end - start) / period_s + 0.5).floor() as usize).max(1);
+    let mut cuts: Vec<f64> = (1..count).map(|i| (i as f64).mul_add(period_s, start)).collect();
+    cuts.push(end);
+    Ok(elements_between(start, &cuts))
+}
+
+fn ends(trajectory: &Trajectory) -> Result<(f64, f64)> {
+    if trajectory.len() < 2 {
+        return Err(Error::TooFewSamples { what: "segmentation", needed: 2, got: trajectory.len() });
+    }
+    Ok((trajectory.start_s(), trajectory.end_s()))
+}
+
+fn elements_between(start: f64, cuts: &[f64]) -> Vec<MotionElement> {
+    let mut from = start;
+    cuts.iter()
+        .map(|&to| {
+            let element = MotionElement { start_s: from, end_s: to };
+            from = to;
+            element
+        })
+        .collect()
+}

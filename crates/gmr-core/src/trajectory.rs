@@ -1,0 +1,143 @@
+//! A demonstration: strictly increasing times with one row of values each.
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result, check_len, check_values};
+
+/// The numbers of a [`Trajectory`], as stored.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrajectoryParts {
+    /// Columns per row.
+    pub dim: usize,
+    /// Times in seconds, strictly increasing, `(n)`.
+    pub times_s: Vec<f64>,
+    /// Values `(n, dim)` row-major.
+    pub values: Vec<f64>,
+}
+
+/// One demonstration: times in seconds and values `h: (n, d)`, row-major.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "TrajectoryParts", into = "TrajectoryParts")]
+pub struct Trajectory {
+    parts: TrajectoryParts,
+}
+
+impl TryFrom<TrajectoryParts> for Trajectory {
+    type Error = Error;
+
+    fn try_from(parts: TrajectoryParts) -> Result<Self> {
+        Self::new(parts.times_s, parts.values, parts.dim)
+    }
+}
+
+impl From<Trajectory> for TrajectoryParts {
+    fn from(trajectory: Trajectory) -> Self {
+        trajectory.parts
+    }
+}
+
+impl Trajectory {
+    /// Checks times and values.
+    ///
+    /// # Errors
+    /// Empty, lengths that do not match, values that are not finite, times that do not increase.
+    pub fn new(times_s: Vec<f64>, values: Vec<f64>, dim: usize) -> Result<Self> {
+        if dim == 0 || times_s.is_empty() {
+            return Err(Error::TooFewSamples { what: "trajectory", needed: 1, got: 0 });
+        }
+        check_len("trajectory values", times_s.len() * dim, values.len())?;
+        check_values("trajectory times", &times_s)?;
+        check_values("trajectory values", &values)?;
+        for (index, pair) in times_s.windows(2).enumerate() {
+            if !(pair[1] > pair[0]) {
+                return Err(Error::TimeNotIncreasing { index: index + 1, time_s: pair[1], previous_s: pair[0] });
+            }
+        }
+        Ok(Self { parts: TrajectoryParts { dim, times_s, values } })
+    }
+
+    /// Number of samples `n`.
+    pub fn len(&self) -> usize {
+        self.parts.times_s.len()
+    }
+
+    /// Never true: a trajectory has at least one sample.
+    pub fn is_empty(&self) -> bool {
+        false
+    }
+
+    /// Columns per row `d`.
+    pub fn dim(&self) -> usize {
+        self.parts.dim
+    }
+
+    /// Times in seconds.
+    pub fn times_s(&self) -> &[f64] {
+        &self.parts.times_s
+    }
+
+    /// Values, row-major.
+    pub fn values(&self) -> &[f64] {
+        &self.parts.values
+    }
+
+    /// One row.
+    pub fn row(&self, index: usize) -> &[f64] {
+        &self.parts.values[index * self.parts.dim..(index + 1) * self.parts.dim]
+    }
+
+    /// Time of the first sample.
+    pub fn start_s(&self) -> f64 {
+        self.parts.times_s[0]
+    }
+
+    /// Time of the last sample.
+    pub fn end_s(&self) -> f64 {
+        self.parts.times_s[self.len() - 1]
+    }
+
+    /// The same trajectory with its clock starting at zero.
+    pub fn from_zero(&self) -> Self {
+        let start = self.start_s();
+        let mut parts = self.parts.clone();
+        parts.times_s.iter_mut().for_each(|t| *t -= start);
+        Self { parts }
+    }
+
+    /// One column.
+    pub fn column(&self, column: usize) -> Vec<f64> {
+        self.parts.values.iter().skip(column).step_by(self.parts.dim).copied().collect()
+    }
+
+    /// Linear interpolation at `time_s`, clamped to the ends, into `out: (d)`.
+    pub fn interpolate_into(&self, time_s: f64, out: &mut [f64]) {
+        let times = self.times_s();
+        let after = times.partition_point(|&t| t <= time_s);
+        if after == 0 || after == times.len() {
+            let row = if after == 0 { 0 } else { after - 1 };
+            out.copy_from_slice(self.row(row));
+            return;
+        }
+        let share = (time_s - times[after - 1]) / (times[after] - times[after - 1]);
+        for ((o, a), b) in out.iter_mut().zip(self.row(after - 1)).zip(self.row(after)) {
+            *o = share.mul_add(b - a, *a);
+        }
+    }
+
+    /// Speed (norm of the central difference, one-sided at the ends) of each sample, `(n)`.
+    pub fn speeds(&self) -> Vec<f64> {
+        let n = self.len();
+        (0..n)
+            .map(|i| {
+                let (a, b) = (i.saturating_sub(1), (i + 1).min(n - 1));
+                if a == b {
+                    return 0.0;
+                }
+                let dt = self.times_s()[b] - self.times_s()[a];
+                let squares: f64 = self.row(a).iter().zip(self.row(b)).map(|(a, b)| (b - a) * (b - a)).sum();
+                squares.sqrt() / dt
+            })
+            .collect()
+    }
+}
