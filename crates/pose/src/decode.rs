@@ -1,0 +1,11 @@
+//! From the numbers of a network to people in tensor coordinates.
+
+mod assemble;
+mod landmarks;
+mod openpose;
+mod peaks;
+
+pub use openpose::{Field, MapView, OpenPoseDecoder};
+
+pub(crate) use landmarks::{blazepose, movenet, movenet_multi};
+pub use peaks::Peak;

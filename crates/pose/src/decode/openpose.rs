@@ -1,0 +1,222 @@
+//! Part confidence maps and affinity fields to people.
+//!
+//! Cao, Hidalgo, Simon, Wei, Sheikh, *OpenPose: Realtime Multi-Person 2D Pose Estimation using Part Affinity Fields*
+//! (2019): the score of a limb between two candidates `d1`, `d2` is the line integral of the field along it (its eq. 11),
+//!
+//! ```text
+//! E = mean over u in [0, 1] of  L_c((1 - u) d1 + u d2) . (d2 - d1) / |d2 - d1|
+//! ```
+//!
+//! taken here at ten points with bilinear interpolation. Limbs are matched greedily, best first, and joined into people in
+//! the order of the card. Where we differ: peaks are refined in the map itself and the map is not enlarged first, which
+//! is eight times eight fewer cells to look at.
+//!
+//! Cost: linear in the cells, plus (candidates of one part) x (candidates of the next) for each limb. Buffers are kept.
+
+use super::{
+    assemble::{self, Connection},
+    peaks::{self, Peak},
+};
+use crate::{
+    Keypoint, Person, Skeleton,
+    card::{Layout, OpenPoseSpec},
+};
+
+/// Candidates of one part that are kept, strongest first. Ten people need ten; noise above it costs time squared.
+const MAX_PEAKS: usize = 40;
+/// Points of the line integral. OpenPose and its descendants use ten; five misjudge limbs that cross.
+const SAMPLES: usize = 10;
+/// Share of the points that must support a limb; 0.8 as in OpenPose's published demo code.
+const SUPPORT: f32 = 0.8;
+/// Fewer keypoints make no person: two joined parts may be noise, an arm has three.
+const MIN_PARTS: usize = 3;
+/// A person whose keypoints score less on average is noise.
+const MIN_MEAN_SCORE: f32 = 0.2;
+
+/// A block of channels in a map tensor with a batch of one.
+#[derive(Debug, Clone, Copy)]
+pub struct MapView<'a> {
+    /// The whole tensor.
+    pub data: &'a [f32],
+    /// Its memory order.
+    pub layout: Layout,
+    /// Channels of the whole tensor.
+    pub channels: usize,
+    /// First channel of the block.
+    pub first: usize,
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+}
+
+impl MapView<'_> {
+    /// Copies one channel into a plane of `height * width` cells.
+    fn copy_plane(&self, channel: usize, plane: &mut [f32]) {
+        let cells = self.width * self.height;
+        let c = self.first + channel;
+        match self.layout {
+            Layout::Nchw => plane.copy_from_slice(&self.data[c * cells..(c + 1) * cells]),
+            Layout::Nhwc => {
+                for (cell, pixel) in plane.iter_mut().zip(self.data.chunks_exact(self.channels)) {
+                    *cell = pixel[c];
+                }
+            }
+        }
+    }
+
+    fn at(&self, channel: usize, x: usize, y: usize) -> f32 {
+        let c = self.first + channel;
+        match self.layout {
+            Layout::Nchw => self.data[(c * self.height + y) * self.width + x],
+            Layout::Nhwc => self.data[(y * self.width + x) * self.channels + c],
+        }
+    }
+}
+
+/// The affinity field of one limb.
+#[derive(Debug, Clone, Copy)]
+pub struct Field<'a> {
+    /// The tensor.
+    pub maps: MapView<'a>,
+    /// Channels of the x and y component inside the block.
+    pub channels: [usize; 2],
+}
+
+impl Field<'_> {
+    /// The field at a point, cells, by bilinear interpolation; outside the map it is continued from the border.
+    pub fn sample(&self, x: f32, y: f32) -> [f32; 2] {
+        let (w, h) = (self.maps.width, self.maps.height);
+        let (x, y) = (x.clamp(0.0, (w - 1) as f32), y.clamp(0.0, (h - 1) as f32));
+        let (x0, y0) = (x as usize, y as usize);
+        let (x1, y1) = ((x0 + 1).min(w - 1), (y0 + 1).min(h - 1));
+        let (fx, fy) = (x - x0 as f32, y - y0 as f32);
+        self.channels.map(|c| {
+            let top = self.maps.at(c, x0, y0) * (1.0 - fx) + self.maps.at(c, x1, y0) * fx;
+            let bottom = self.maps.at(c, x0, y1) * (1.0 - fx) + self.maps.at(c, x1, y1) * fx;
+            top * (1.0 - fy) + bottom * fy
+        })
+    }
+
+    /// Mean of the field along a line, and the share of its points where the field is at least `threshold`.
+    pub fn line(&self, from: Peak, to: Peak, threshold: f32) -> (f32, f32) {
+        let (dx, dy) = (to.x - from.x, to.y - from.y);
+        let length = dx.hypot(dy);
+        if length < 1e-3 {
+            // Two parts in one place have no direction; the field cannot speak against them.
+            return (threshold, 1.0);
+        }
+        let (ux, uy) = (dx / length, dy / length);
+        let (mut sum, mut support) = (0.0, 0);
+        for i in 0..SAMPLES {
+            let u = i as f32 / (SAMPLES - 1) as f32;
+            let [lx, ly] = self.sample(from.x + u * dx, from.y + u * dy);
+            let along = lx * ux + ly * uy;
+            sum += along;
+            support += usize::from(along >= threshold);
+        }
+        (sum / SAMPLES as f32, support as f32 / SAMPLES as f32)
+    }
+}
+
+/// Decodes the maps of one network; keeps its buffers.
+#[derive(Debug, Clone)]
+pub struct OpenPoseDecoder {
+    skeleton: Skeleton,
+    spec: OpenPoseSpec,
+    /// From-part and to-part of each limb, as indices of the skeleton.
+    limbs: Vec<[usize; 2]>,
+    min_score: f32,
+    plane: Vec<f32>,
+    peaks: Vec<Vec<Peak>>,
+}
+
+impl OpenPoseDecoder {
+    /// For the maps that a card describes. Limbs whose parts the skeleton lacks are refused by the card.
+    ///
+    /// # Panics
+    /// When a limb names a part that is not in the skeleton.
+    pub fn new(skeleton: Skeleton, spec: &OpenPoseSpec, min_score: f32) -> Self {
+        let index = |part| skeleton.index_of(part).unwrap_or_else(|| panic!("{skeleton} has no {part}"));
+        let limbs = spec.limbs.iter().map(|l| [index(l.from), index(l.to)]).collect();
+        let peaks = vec![Vec::new(); skeleton.len()];
+        Self { skeleton, spec: spec.clone(), limbs, min_score, plane: Vec::new(), peaks }
+    }
+
+    /// People in tensor coordinates, best first.
+    pub fn decode(&mut self, pcm: MapView<'_>, paf: MapView<'_>) -> Vec<Person> {
+        self.plane.resize(pcm.width * pcm.height, 0.0);
+        for (joint, peaks) in self.peaks.iter_mut().enumerate() {
+            pcm.copy_plane(joint, &mut self.plane);
+            peaks::find(&self.plane, pcm.width, pcm.height, self.spec.peak_threshold, MAX_PEAKS, peaks);
+        }
+        let mut connections = Vec::with_capacity(self.limbs.len());
+        for (limb, &[from, to]) in self.spec.limbs.iter().zip(&self.limbs) {
+            let field = Field { maps: paf, channels: limb.paf };
+            connections.push(self.connect(field, from, to, pcm.height));
+        }
+        let bodies = assemble::assemble(&self.peaks, &self.limbs, &connections);
+        let mut people: Vec<Person> = bodies.iter().filter_map(|body| self.person(body)).collect();
+        people.sort_by(|a, b| b.score.total_cmp(&a.score));
+        people
+    }
+
+    /// The peaks of the last decoding, for each part, in cells.
+    pub fn peaks(&self) -> &[Vec<Peak>] {
+        &self.peaks
+    }
+
+    /// Greedy matching of one limb: best pair first, every candidate once.
+    fn connect(&self, field: Field<'_>, from: usize, to: usize, map_height: usize) -> Vec<Connection> {
+        let threshold = self.spec.paf_threshold;
+        let mut pairs = Vec::new();
+        for (i, a) in self.peaks[from].iter().enumerate() {
+            for (j, b) in self.peaks[to].iter().enumerate() {
+                let (mean, support) = field.line(*a, *b, threshold);
+                // A limb longer than half the map is penalised, as in OpenPose.
+                let length = (a.x - b.x).hypot(a.y - b.y).max(1e-3);
+                let score = mean + (0.5 * map_height as f32 / length - 1.0).min(0.0);
+                if support >= SUPPORT && score > 0.0 {
+                    pairs.push(Connection { from: i, to: j, score });
+                }
+            }
+        }
+        pairs.sort_by(|a, b| b.score.total_cmp(&a.score));
+        let mut taken = (vec![false; self.peaks[from].len()], vec![false; self.peaks[to].len()]);
+        pairs.retain(|p| {
+            let free = !taken.0[p.from] && !taken.1[p.to];
+            if free {
+                taken.0[p.from] = true;
+                taken.1[p.to] = true;
+            }
+            free
+        });
+        pairs
+    }
+
+    fn person(&self, body: &[Option<usize>]) -> Option<Person> {
+        let stride = self.spec.stride as f32;
+        let to_px = |cell: f32| (cell + 0.5) * stride - 0.5;
+        let keypoints: Vec<Option<Keypoint>> = body
+            .iter()
+            .zip(&self.peaks)
+            .map(|(choice, peaks)| {
+                let peak = peaks[(*choice)?];
+                (peak.score >= self.min_score).then(|| Keypoint {
+                    u_px: to_px(peak.x),
+                    v_px: to_px(peak.y),
+                    score: peak.score.min(1.0),
+                })
+            })
+            .collect();
+        let found = keypoints.iter().flatten().count();
+        if found < MIN_PARTS {
+            return None;
+        }
+        let score = keypoints.iter().flatten().map(|k| k.score).sum::<f32>() / found as f32;
+        (score >= MIN_MEAN_SCORE).then_some(Person { skeleton: self.skeleton, keypoints, score })
+    }
+}
+
+#[cfg(test)]
+mod tests;

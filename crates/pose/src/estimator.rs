@@ -1,0 +1,244 @@
+//! A network that looks at the pictures of one camera, one after the other.
+
+use crate::{
+    CropMap, ImageView, Person, Result,
+    card::{Model, ModelCard, OutputKind, Region},
+    decode::{MapView, OpenPoseDecoder, blazepose, movenet, movenet_multi},
+    network::{Network, Output},
+    preprocess::Preprocessor,
+    runtime::{Runtime, RuntimeInfo},
+};
+
+mod region;
+
+pub use region::RegionOptions;
+
+use region::Tracker;
+
+/// Finds people in the pictures of one camera.
+///
+/// A network for one person looks at a square around the person of the picture before. In the first picture, and after the
+/// person was lost, it looks at the whole picture, at parts of it when that shows nobody, and again around what it found.
+/// Make one estimator for each camera; they share the runtime.
+#[derive(Debug)]
+pub struct Estimator {
+    card: ModelCard,
+    network: Network,
+    preprocessor: Preprocessor,
+    decoder: Option<OpenPoseDecoder>,
+    tracker: Option<Tracker>,
+    last: Option<CropMap>,
+}
+
+impl Estimator {
+    /// Loads a model and runs it once on an empty picture, so that a wrong shape is found here and not later.
+    ///
+    /// # Errors
+    /// What [`Model::read_weights`] returns, [`Error::BadNetwork`], [`Error::WrongShape`], [`Error::Provider`],
+    /// [`Error::Inference`], [`Error::NonFinite`].
+    pub fn load(model: &Model, runtime: &Runtime) -> Result<Self> {
+        Self::with_region(model, runtime, model.card.region(), RegionOptions::default())
+    }
+
+    /// As [`Estimator::load`], with another choice of where to look than the card's.
+    ///
+    /// # Errors
+    /// As [`Estimator::load`], and [`Error::Parameter`].
+    pub fn with_region(model: &Model, runtime: &Runtime, region: Region, options: RegionOptions) -> Result<Self> {
+        options.validate()?;
+        let network = Network::load(model, runtime)?;
+        let card = model.card.clone();
+        let decoder = card.openpose.as_ref().map(|spec| OpenPoseDecoder::new(card.skeleton, spec, card.min_score));
+        let mut new = Self {
+            preprocessor: Preprocessor::new(&card.input),
+            decoder,
+            tracker: match region {
+                Region::Full => None,
+                Region::Track => Some(Tracker::new(options)),
+            },
+            card,
+            network,
+            last: None,
+        };
+        let (w, h) = (new.preprocessor.width(), new.preprocessor.height());
+        let grey = vec![128; w * h * 3];
+        new.look(ImageView::new(w, h, &grey)?, CropMap::letterbox(w, h, w, h))?;
+        new.last = None;
+        Ok(new)
+    }
+
+    /// The people in a picture, best first, in picture coordinates. Empty when nobody is there.
+    ///
+    /// # Errors
+    /// [`Error::Inference`], [`Error::NonFinite`], [`Error::WrongShape`].
+    pub fn estimate(&mut self, image: ImageView<'_>) -> Result<Vec<Person>> {
+        self.fit_shape(image);
+        let Some(mut tracker) = self.tracker.take() else {
+            return self.look(image, self.letterbox(image));
+        };
+        let found = self.track(image, &mut tracker);
+        self.tracker = Some(tracker);
+        found
+    }
+
+    /// Forgets the person of the picture before, for a cut or a new recording.
+    pub fn reset(&mut self) {
+        if let Some(tracker) = &mut self.tracker {
+            tracker.forget();
+        }
+    }
+
+    /// What the network is.
+    pub fn card(&self) -> &ModelCard {
+        &self.card
+    }
+
+    /// What runs it.
+    pub fn runtime_info(&self) -> &RuntimeInfo {
+        self.network.info()
+    }
+
+    /// The part of the last picture that the network saw last.
+    pub fn last_crop(&self) -> Option<CropMap> {
+        self.last
+    }
+
+    fn track(&mut self, image: ImageView<'_>, tracker: &mut Tracker) -> Result<Vec<Person>> {
+        let size = (self.preprocessor.width(), self.preprocessor.height());
+        if let Some(crop) = tracker.next_crop(size) {
+            let people = self.look(image, crop)?;
+            if tracker.follow(&people) {
+                return Ok(people);
+            }
+        }
+        let mut people = self.search(image, tracker, size)?;
+        // Each further look is at a crop that fits the person better.
+        for _ in 0..tracker.refinements() {
+            if !tracker.follow(&people) {
+                break;
+            }
+            let Some(crop) = tracker.next_crop(size) else { break };
+            let again = self.look(image, crop)?;
+            if score(&again) < score(&people) {
+                break;
+            }
+            people = again;
+        }
+        if !tracker.follow(&people) {
+            tracker.forget();
+        }
+        Ok(people)
+    }
+
+    /// The whole picture, then parts of it until somebody is there.
+    fn search(&mut self, image: ImageView<'_>, tracker: &Tracker, size: (usize, usize)) -> Result<Vec<Person>> {
+        let mut best = self.look(image, self.letterbox(image))?;
+        if tracker.is_somebody(&best) {
+            return Ok(best);
+        }
+        for crop in tracker.search_crops(image.width(), image.height(), size) {
+            let people = self.look(image, crop)?;
+            if score(&people) > score(&best) {
+                best = people;
+            }
+        }
+        Ok(best)
+    }
+
+    fn letterbox(&self, image: ImageView<'_>) -> CropMap {
+        CropMap::letterbox(image.width(), image.height(), self.preprocessor.width(), self.preprocessor.height())
+    }
+
+    /// A network that takes any size gets the picture's shape at the card's area.
+    fn fit_shape(&mut self, image: ImageView<'_>) {
+        let Some(spec) = self.card.openpose.as_ref().filter(|_| self.card.input.dynamic) else { return };
+        if self.tracker.is_some() {
+            return;
+        }
+        let area = (self.card.input.width * self.card.input.height) as f32;
+        let aspect = image.width() as f32 / image.height() as f32;
+        let cells = |side: f32| ((side / spec.stride as f32).round() as usize).max(4) * spec.stride;
+        let (w, h) = (cells((area * aspect).sqrt()), cells((area / aspect).sqrt()));
+        if (w, h) != (self.preprocessor.width(), self.preprocessor.height()) {
+            self.preprocessor.resize(w, h);
+        }
+    }
+
+    /// One run of the network on one crop.
+    fn look(&mut self, image: ImageView<'_>, crop: CropMap) -> Result<Vec<Person>> {
+        let Self { card, network, preprocessor, decoder, last, .. } = self;
+        preprocessor.fill(image, crop);
+        *last = Some(crop);
+        let path = network.path();
+        let size = (preprocessor.width(), preprocessor.height());
+        let names = card.output_names();
+        let mut people = network.run(preprocessor, &names, |outputs| {
+            let wrong = |i: usize, expected: String| {
+                Network::wrong_shape(path.clone(), &format!("output {}", names[i]), expected, outputs[i].shape)
+            };
+            let exactly = |i: usize, shape: &[i64]| {
+                if outputs[i].shape == shape { Ok(()) } else { Err(wrong(i, format!("{shape:?}"))) }
+            };
+            match card.output {
+                OutputKind::OpenPose => {
+                    let (Some(spec), Some(decoder)) = (&card.openpose, decoder) else {
+                        unreachable!("the card was checked")
+                    };
+                    let view = |i: usize, map: &crate::card::MapSpec| {
+                        view(&outputs[i], spec, map, size).map_err(|expected| wrong(i, expected))
+                    };
+                    Ok(decoder.decode(view(0, &spec.pcm)?, view(1, &spec.paf)?))
+                }
+                OutputKind::MoveNet => {
+                    exactly(0, &[1, 1, 17, 3])?;
+                    Ok(movenet(outputs[0].data, size.0, size.1, card.min_score).into_iter().collect())
+                }
+                OutputKind::MoveNetMulti => {
+                    if outputs[0].shape.len() != 3 || outputs[0].shape[2] != 56 {
+                        return Err(wrong(0, "[1, people, 56]".to_owned()));
+                    }
+                    Ok(movenet_multi(outputs[0].data, size.0, size.1, card.min_score))
+                }
+                OutputKind::BlazePose => {
+                    exactly(0, &[1, 195])?;
+                    exactly(1, &[1, 1])?;
+                    Ok(blazepose(outputs[0].data, outputs[1].data[0], card.min_score).into_iter().collect())
+                }
+            }
+        })?;
+        for keypoint in people.iter_mut().flat_map(|p| p.keypoints.iter_mut().flatten()) {
+            (keypoint.u_px, keypoint.v_px) = crop.to_picture(keypoint.u_px, keypoint.v_px);
+        }
+        Ok(people)
+    }
+}
+
+fn score(people: &[Person]) -> f32 {
+    people.first().map_or(0.0, |p| p.score)
+}
+
+/// The maps of an output, if its shape is the tensor's over the stride; else what was expected.
+fn view<'a>(
+    output: &Output<'a>,
+    spec: &crate::card::OpenPoseSpec,
+    map: &crate::card::MapSpec,
+    tensor: (usize, usize),
+) -> Result<MapView<'a>, String> {
+    use crate::card::Layout;
+    let (width, height) = (tensor.0 / spec.stride, tensor.1 / spec.stride);
+    let channels = match (output.shape, spec.layout) {
+        ([1, c, h, w], Layout::Nchw) | ([1, h, w, c], Layout::Nhwc)
+            if (*h, *w) == (height as i64, width as i64) && *c >= (map.first + map.channels) as i64 =>
+        {
+            *c as usize
+        }
+        _ => {
+            let channels = format!("at least {} channels", map.first + map.channels);
+            return Err(match spec.layout {
+                Layout::Nchw => format!("[1, {channels}, {height}, {width}]"),
+                Layout::Nhwc => format!("[1, {height}, {width}, {channels}]"),
+            });
+        }
+    };
+    Ok(MapView { data: output.data, layout: spec.layout, channels, first: map.first, width, height })
+}
