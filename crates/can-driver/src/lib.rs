@@ -1,1 +1,26 @@
-//! CAN buses, the joint protocol and both of its ends.
+#![doc = include_str!("../README.md")]
+#![allow(clippy::neg_cmp_op_on_partial_ord, reason = "checks are written so that not-a-number fails them")]
+
+mod bus;
+mod controller;
+mod dbc;
+mod error;
+mod frame;
+mod host;
+mod limits;
+mod local;
+mod protocol;
+mod receiver;
+
+pub use bus::{Bus, BusFault, Event, SendOutcome, drain, transmit};
+pub use controller::{Controller, ControllerOutput, ControllerParams, Drive, JointState, SetCounts, Setpoint};
+pub use dbc::{Dbc, DbcError, DbcMessage, DbcSignal};
+pub use error::Error;
+pub use frame::{FixedList, Frame, FrameList, Id, PerJoint, Stamped};
+pub use host::{Command, Feedback, HostOutput, HostParams, HostSession, HostState, LinkReport};
+pub use limits::JointLimits;
+pub use local::{LocalBus, LocalEndpoint};
+pub use protocol::{
+    ANGLE_LSB_RAD, Angle, Commit, Config, ControllerState, Corrupt, Counted, DBC, Direction, MAX_JOINTS, Message, Mode,
+    Protocol, Status, StopCause, VERSION, crc16,
+};
