@@ -166,4 +166,74 @@ pub enum Error {
         /// The value received.
         got: f64,
     },
+    /// No joint moves one link relative to the other.
+    #[error("no joint moves `{tip}` relative to `{base}`")]
+    EmptyChain {
+        /// Base link.
+        base: String,
+        /// Tip link.
+        tip: String,
+    },
+    /// A calibration file is not in the format its name promises.
+    #[error("{origin}: expected a camera calibration ({format}): {reason}")]
+    CalibrationSyntax {
+        /// File, or `<string>`.
+        origin: String,
+        /// The expected format.
+        format: &'static str,
+        /// What the reader said.
+        reason: String,
+    },
+    /// A value of a calibration file is missing or unusable.
+    #[error("{origin}: key `{key}`: expected {expected}, got {got}")]
+    Calibration {
+        /// File, or `<string>`.
+        origin: String,
+        /// Path of the key, as `cam01.matrix`.
+        key: String,
+        /// What would be accepted.
+        expected: String,
+        /// What was found.
+        got: String,
+    },
+    /// Not enough views to triangulate a point.
+    #[error("triangulation needs 2 usable views, got {usable}")]
+    TooFewViews {
+        /// Views whose pixel belongs to a ray.
+        usable: usize,
+    },
+    /// All views look along nearly the same line.
+    #[error("triangulation needs an angle between rays of at least {least_rad} rad, got {largest_rad}")]
+    ParallelRays {
+        /// The required angle.
+        least_rad: f64,
+        /// The largest angle there is.
+        largest_rad: f64,
+    },
+    /// No two views agree on a point.
+    #[error("triangulation: the best two views miss each other by {residual_sigma} sigma, allowed {gate_sigma}")]
+    InconsistentViews {
+        /// Distance of the better view from the common point, in its own sigma.
+        residual_sigma: f64,
+        /// The allowed distance.
+        gate_sigma: f64,
+    },
+    /// A pixel does not look at the plane.
+    #[error("pixel ({u_px}, {v_px}) does not look at the plane: {reason}")]
+    PlaneMissed {
+        /// The pixel.
+        u_px: f64,
+        /// The pixel.
+        v_px: f64,
+        /// Why.
+        reason: &'static str,
+    },
+    /// The points of a homography do not determine it.
+    #[error("a homography needs 4 points of which no 3 are on a line, got {count} points: {reason}")]
+    Homography {
+        /// How many points there were.
+        count: usize,
+        /// What is wrong.
+        reason: &'static str,
+    },
 }

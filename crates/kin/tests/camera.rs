@@ -1,4 +1,11 @@
 //! Camera geometry against finite differences and round trips.
+#![allow(
+    clippy::unwrap_used,
+    clippy::float_cmp,
+    clippy::disallowed_methods,
+    reason = "tests: a panic is a failure, exact values are meant"
+)]
+
 use kin::{Camera, Distortion, Intrinsics};
 use nalgebra::{Isometry3, Matrix2x3, Point2, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
 use proptest::prelude::*;

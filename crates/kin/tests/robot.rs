@@ -1,4 +1,11 @@
 //! Robots from URDF: what is read, what is refused, and where the links are.
+#![allow(
+    clippy::unwrap_used,
+    clippy::float_cmp,
+    clippy::disallowed_methods,
+    reason = "tests: a panic is a failure, exact values are meant"
+)]
+
 use kin::{Error, Geometry, JointKind, LimitKind, LimitPolicy, Robot, UrdfOptions, builtin_arm_urdf};
 use nalgebra::{Matrix4, Vector3};
 use proptest::prelude::*;

@@ -13,11 +13,18 @@
 //! which is the rational model of OpenCV (`calib3d`), after Brown (1966) and Claus and Fitzgibbon (2005). Pixels
 //! count from the centre of the top-left pixel.
 
+mod calibration;
+mod homography;
 mod lens;
+mod plane;
+mod triangulate;
 
 use nalgebra::{Isometry3, Matrix2x3, Point2, Point3, Unit, Vector2, Vector3};
 
+pub use calibration::{Calibration, CalibrationFormat, parse_calibration, read_calibration, read_cameras};
+pub use homography::Homography;
 pub use lens::{Distortion, Intrinsics};
+pub use triangulate::{Lifted, TriangulateOptions, Triangulated, View, ViewResidual, triangulate};
 
 /// A half-line in `world`.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,0 +1,113 @@
+//! Forward kinematics and the Jacobian in one pass over the joints, without allocation.
+
+use nalgebra::{Isometry3, IsometryMatrix3, Matrix6xX};
+
+use super::{Chain, Frame, MAX_DOF, cross, sincos};
+
+impl Chain {
+    /// Pose of the tip in the base.
+    ///
+    /// # Panics
+    /// When `q` does not have [`Chain::dof`] values.
+    pub fn fk(&self, q: &[f64]) -> Isometry3<f64> {
+        self.tip_frame(q).to_isometry()
+    }
+
+    /// Pose of the tip in the base, with the rotation as a matrix: saves the conversion to a quaternion.
+    ///
+    /// # Panics
+    /// When `q` does not have [`Chain::dof`] values.
+    pub fn fk_matrix(&self, q: &[f64]) -> IsometryMatrix3<f64> {
+        self.tip_frame(q).to_isometry_matrix()
+    }
+
+    /// Jacobian at the tip (see the module documentation for rows), `6 x dof`.
+    ///
+    /// # Panics
+    /// When `q` does not have [`Chain::dof`] values.
+    pub fn jacobian(&self, q: &[f64]) -> Matrix6xX<f64> {
+        let mut jacobian = Matrix6xX::zeros(self.dof());
+        self.fk_jacobian_into(q, &mut jacobian);
+        jacobian
+    }
+
+    /// Pose and Jacobian together, without allocation. `jacobian` is `6 x dof`.
+    ///
+    /// # Panics
+    /// When `q` or `jacobian` does not fit [`Chain::dof`].
+    pub fn fk_jacobian_into(&self, q: &[f64], jacobian: &mut Matrix6xX<f64>) -> IsometryMatrix3<f64> {
+        self.tip_frame_and_jacobian(q, jacobian.as_mut_slice()).to_isometry_matrix()
+    }
+
+    /// As [`Chain::fk_jacobian_into`], with the Jacobian as one column of six after another.
+    pub(crate) fn tip_frame_and_jacobian(&self, q: &[f64], columns: &mut [f64]) -> Frame {
+        self.assert_length(q);
+        assert_eq!(columns.len(), 6 * self.dof(), "Jacobian of chain {} -> {}", self.base, self.tip);
+        if self.plain_turns {
+            return self.plain_jacobian(q, columns);
+        }
+        columns.fill(0.0);
+        let mut axes = [[[0.0; 4]; 2]; 2 * MAX_DOF];
+        let tip = self.walk(q, |index, frame| axes[index] = [frame.z, frame.p]);
+        for (stage, [axis, origin]) in self.stages.iter().zip(&axes) {
+            let column = &mut columns[6 * stage.dof..6 * stage.dof + 6];
+            let linear = if stage.turns { cross(axis, &arm(&tip.p, origin)) } else { *axis };
+            for i in 0..3 {
+                column[i] += stage.multiplier * linear[i];
+                if stage.turns {
+                    column[3 + i] += stage.multiplier * axis[i];
+                }
+            }
+        }
+        tip
+    }
+
+    /// The usual arm: every stage turns and has its own joint value.
+    fn plain_jacobian(&self, q: &[f64], columns: &mut [f64]) -> Frame {
+        let tip = self.walk(q, |index, frame| {
+            let column = &mut columns[6 * index..6 * index + 6];
+            column[..3].copy_from_slice(&frame.p[..3]);
+            column[3..].copy_from_slice(&frame.z[..3]);
+        });
+        for column in columns.chunks_exact_mut(6) {
+            let origin = [column[0], column[1], column[2], 0.0];
+            let axis = [column[3], column[4], column[5], 0.0];
+            column[..3].copy_from_slice(&cross(&axis, &arm(&tip.p, &origin))[..3]);
+        }
+        tip
+    }
+
+    pub(crate) fn tip_frame(&self, q: &[f64]) -> Frame {
+        self.assert_length(q);
+        self.walk(q, |_, _| ())
+    }
+
+    /// Visits the frame of each stage (z is the axis) from base to tip and returns the tip.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "the visitor must melt into the loop")]
+    pub(crate) fn walk(&self, q: &[f64], mut visit: impl FnMut(usize, &Frame)) -> Frame {
+        let mut frame = Frame::IDENTITY;
+        for (block, stages) in self.stages.chunks(sincos::BLOCK).enumerate() {
+            let mut values = [0.0; sincos::BLOCK];
+            for (value, stage) in values.iter_mut().zip(stages) {
+                *value = if self.plain { q[stage.dof] } else { stage.multiplier * q[stage.dof] + stage.offset };
+            }
+            let (sines, cosines) = sincos::sin_cos(&values);
+            for (i, stage) in stages.iter().enumerate() {
+                frame = frame.compose(&stage.fixed);
+                visit(block * sincos::BLOCK + i, &frame);
+                if stage.turns {
+                    frame.turn(sines[i], cosines[i]);
+                } else {
+                    frame.slide(values[i]);
+                }
+            }
+        }
+        frame.compose(&self.end)
+    }
+}
+
+#[inline]
+fn arm(tip: &[f64; 4], origin: &[f64; 4]) -> [f64; 4] {
+    [tip[0] - origin[0], tip[1] - origin[1], tip[2] - origin[2], 0.0]
+}
