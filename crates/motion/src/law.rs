@@ -21,6 +21,10 @@
 /// Share of acceleration and jerk that the approach plans with; the rest is for corrections.
 /// Nearer to 1, a step is faster but ends with overshoot that the corrections cannot prevent.
 const PLANNED_SHARE: f64 = 0.85;
+/// Least share of the acceleration limit that the approach plans with, however much of it the
+/// reference itself needs. Lower, a reference at the limit is caught up with ever more slowly;
+/// higher, the approach cannot be braked in time and swings past.
+const LEAST_SHARE: f64 = 0.3;
 
 /// The approach speed `f` of one joint: linear up to `join`, then the stopping curve.
 #[derive(Debug, Clone, Copy)]
@@ -35,8 +39,11 @@ pub(crate) struct Approach {
 }
 
 impl Approach {
-    pub(crate) fn new(bandwidth: f64, acceleration: f64, jerk: f64) -> Self {
-        let (acceleration, jerk) = (PLANNED_SHARE * acceleration, PLANNED_SHARE * jerk);
+    /// `demand` is the acceleration that the reference has lately needed for itself; what it
+    /// leaves of the limit is there to brake the approach.
+    pub(crate) fn new(bandwidth: f64, acceleration: f64, jerk: f64, demand: f64) -> Self {
+        let jerk = PLANNED_SHARE * jerk;
+        let acceleration = (PLANNED_SHARE * acceleration - demand).max(LEAST_SHARE * acceleration);
         // Distance on the stopping curve where its slope falls to the bandwidth, and its speed.
         let (distance, speed) = if jerk / bandwidth <= 1.5 * acceleration {
             (8.0 / 27.0 * jerk / bandwidth.powi(3), 4.0 / 9.0 * jerk / bandwidth.powi(2))
@@ -71,6 +78,20 @@ impl Approach {
         }
     }
 
+    /// As [`speed`](Self::speed) for a reference that moves away at `receding` >= 0: no faster
+    /// than what can be braked to that speed within the distance as it is now. Catching up
+    /// with a reference that soon turns round must not count on where it would have been.
+    fn chasing_speed(&self, distance: f64, receding: f64) -> [f64; 3] {
+        let free = self.speed(distance);
+        let a = self.acceleration;
+        let total = (receding * receding + 2.0 * a * distance).sqrt();
+        if receding > 0.0 && total - receding < free[0] {
+            [total - receding, a / total, -a * a / total.powi(3)]
+        } else {
+            free
+        }
+    }
+
     /// `g` and `g'` at a velocity error >= 0.
     fn pull(&self, z: f64) -> [f64; 2] {
         let w = self.bandwidth;
@@ -100,9 +121,10 @@ pub(crate) struct Wanted {
 
 /// Stage one: the wanted velocity relative to the reference. `share` in (0, 1] slows the
 /// approach (synchronisation).
-pub(crate) fn relative_velocity(approach: &Approach, e: &Errors, share: f64) -> Wanted {
-    let [speed, slope, bend] = approach.speed(e.position.abs());
+pub(crate) fn relative_velocity(approach: &Approach, e: &Errors, v_reference: f64, share: f64) -> Wanted {
     let sign = e.position.signum();
+    let receding = (sign * v_reference).max(0.0);
+    let [speed, slope, bend] = approach.chasing_speed(e.position.abs(), receding);
     Wanted {
         value: share * sign * speed,
         rate: share * slope * e.velocity,
@@ -110,17 +132,31 @@ pub(crate) fn relative_velocity(approach: &Approach, e: &Errors, share: f64) -> 
     }
 }
 
-/// Adds the reference motion and the velocity limit to stage one.
-pub(crate) fn velocity(relative: &Wanted, v_reference: f64, a_reference: f64, limit: f64) -> Wanted {
-    let value = v_reference + relative.value;
-    if value.abs() > limit {
-        return Wanted { value: limit.copysign(value), ..Wanted::default() };
+/// Adds the reference motion to stage one.
+pub(crate) fn velocity(relative: &Wanted, v_reference: f64, a_reference: f64) -> Wanted {
+    Wanted {
+        value: v_reference + relative.value,
+        rate: a_reference + relative.rate,
+        rate_of_rate: relative.rate_of_rate,
     }
-    Wanted { value, rate: a_reference + relative.rate, rate_of_rate: relative.rate_of_rate }
 }
 
 /// Stage two: the wanted acceleration and its rate, not yet limited.
-pub(crate) fn acceleration(approach: &Approach, wanted: &Wanted, v: f64, a: f64) -> Wanted {
+///
+/// Where the wanted velocity exceeds its limit, the limit is aimed at, unless the wanted
+/// velocity, on its way down, already asks for less acceleration: so the brake before the target
+/// begins in time although the speed limit hides it.
+pub(crate) fn acceleration(approach: &Approach, wanted: &Wanted, limit: f64, v: f64, a: f64) -> Wanted {
+    let free = pull_towards(approach, wanted, v, a);
+    if wanted.value.abs() <= limit {
+        return free;
+    }
+    let capped = Wanted { value: limit.copysign(wanted.value), ..Wanted::default() };
+    let capped = pull_towards(approach, &capped, v, a);
+    if (free.value < capped.value) == (wanted.value > 0.0) { free } else { capped }
+}
+
+fn pull_towards(approach: &Approach, wanted: &Wanted, v: f64, a: f64) -> Wanted {
     let z = wanted.value - v;
     let [pull, slope] = approach.pull(z.abs());
     Wanted {

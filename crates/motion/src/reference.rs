@@ -26,10 +26,36 @@ pub enum Freshness {
 /// Target intervals shorter than this give no acceleration estimate: noise over almost nothing.
 const SHORTEST_ESTIMATE_S: f64 = 0.005;
 
+/// How much of one interval's acceleration is found again in the next: the coefficient of a
+/// first-order autoregression, fitted on the way with fading memory. Smooth motion gives
+/// nearly 1; noise, or motion too fast for the rate of the targets, gives nearly 0.
+#[derive(Debug, Clone, Copy, Default)]
+struct Trend {
+    last: Option<f64>,
+    product: f64,
+    square: f64,
+}
+
+impl Trend {
+    /// Weight of the past per target: a memory of about seven targets.
+    const MEMORY: f64 = 0.85;
+
+    /// Takes note of the acceleration of the last interval; returns the one to expect next.
+    fn expect_after(&mut self, seen: f64) -> f64 {
+        let Some(last) = self.last.replace(seen) else {
+            return 0.0;
+        };
+        self.product = Self::MEMORY * self.product + seen * last;
+        self.square = Self::MEMORY * self.square + last * last;
+        if self.square > 0.0 { (self.product / self.square).clamp(0.0, 1.0) * seen } else { 0.0 }
+    }
+}
+
 #[derive(Debug, Clone)]
 pub(crate) struct Reference {
     samples: Vec<Sample>,
     acceleration: Vec<f64>,
+    trend: Vec<Trend>,
     horizon: Vec<Sample>,
     rows: usize,
     horizon_step_s: f64,
@@ -54,6 +80,7 @@ impl Reference {
         Self {
             samples: vec![Sample::new(0.0, 0.0); joints],
             acceleration: vec![0.0; joints],
+            trend: vec![Trend::default(); joints],
             horizon: vec![Sample::new(0.0, 0.0); joints * params.horizon_capacity],
             rows: 0,
             horizon_step_s: 0.0,
@@ -67,6 +94,7 @@ impl Reference {
 
     pub(crate) fn forget(&mut self) {
         self.seen = false;
+        self.trend.fill(Trend::default());
     }
 
     pub(crate) fn is_present(&self) -> bool {
@@ -85,17 +113,26 @@ impl Reference {
             return Err(Error::OutOfOrder { age_s: target.age_s, newest_age_s: self.age_s });
         }
         let comparable = self.seen && (SHORTEST_ESTIMATE_S..=self.coast_s).contains(&interval_s);
-        for ((old, new), acceleration) in self.samples.iter_mut().zip(target.joints).zip(&mut self.acceleration) {
-            *acceleration = match (self.source, new.acceleration_rad_s2) {
-                (AccelerationSource::Zero, _) | (AccelerationSource::Given, None) => 0.0,
-                (_, Some(given)) => given,
-                (AccelerationSource::Estimated, None) if comparable => {
-                    (new.velocity_rad_s - old.velocity_rad_s) / interval_s
+        for (joint, new) in target.joints.iter().enumerate() {
+            let old = self.samples[joint];
+            let acceleration = &mut self.acceleration[joint];
+            match (self.source, new.acceleration_rad_s2) {
+                (AccelerationSource::Zero, _) | (AccelerationSource::Given, None) => {
+                    *acceleration = 0.0;
                 }
-                (AccelerationSource::Estimated, None) if self.seen && interval_s < SHORTEST_ESTIMATE_S => *acceleration,
-                (AccelerationSource::Estimated, None) => 0.0,
-            };
-            *old = *new;
+                (_, Some(given)) => *acceleration = given,
+                (AccelerationSource::Estimated, None) if comparable => {
+                    let seen = (new.velocity_rad_s - old.velocity_rad_s) / interval_s;
+                    *acceleration = self.trend[joint].expect_after(seen);
+                }
+                // Two targets at almost one instant say nothing new about the acceleration.
+                (AccelerationSource::Estimated, None) if self.seen && interval_s < self.coast_s => {}
+                (AccelerationSource::Estimated, None) => {
+                    *acceleration = 0.0;
+                    self.trend[joint] = Trend::default();
+                }
+            }
+            self.samples[joint] = *new;
         }
         self.horizon[..target.horizon.len()].copy_from_slice(target.horizon);
         self.rows = target.horizon.len() / target.joints.len();

@@ -51,10 +51,16 @@ const MARGIN: f64 = 1e-11;
 /// law decays within 1 % of the continuous one.
 const LAW_STEP: f64 = 0.1;
 
+/// How long a peak of the reference's acceleration is remembered; about a period of fast arm
+/// motion, so that the quiet parts of a swing do not look like room for a hasty approach.
+const DEMAND_MEMORY_S: f64 = 0.5;
+
 #[derive(Debug, Clone)]
 struct Joint {
     walls: Walls,
     approach: Approach,
+    /// Peak acceleration of the reference, decaying.
+    demand: f64,
     /// Shares of acceleration and jerk limit that a stop uses.
     stop_share: f64,
 }
@@ -92,8 +98,8 @@ impl Tracker {
                     acceleration: limits.acceleration_rad_s2 * (1.0 - MARGIN),
                     jerk: limits.jerk_rad_s3 * (1.0 - MARGIN),
                 };
-                let approach = Approach::new(params.bandwidth_rad_s, walls.acceleration, walls.jerk);
-                Joint { walls, approach, stop_share: 1.0 }
+                let approach = Approach::new(params.bandwidth_rad_s, walls.acceleration, walls.jerk, 0.0);
+                Joint { walls, approach, demand: 0.0, stop_share: 1.0 }
             })
             .collect();
         Self {
@@ -223,6 +229,7 @@ impl Tracker {
         let following = matches!(self.phase, Phase::Aligning | Phase::Ramping | Phase::Engaged);
         if following && self.reference.is_present() {
             self.place_reference();
+            self.plan_approach(span_s);
             match self.synchronisation {
                 Synchronisation::None => self.want_separately(),
                 Synchronisation::Straight => self.want_together(),
@@ -261,6 +268,16 @@ impl Tracker {
         }
     }
 
+    /// Follows the demand of the reference and plans the approach with what it leaves.
+    fn plan_approach(&mut self, span_s: f64) {
+        let keep = (-span_s / DEMAND_MEMORY_S).exp();
+        for (joint, r) in self.joints.iter_mut().zip(&self.reference_states) {
+            joint.demand = r.acceleration_rad_s2.abs().max(keep * joint.demand);
+            let Walls { acceleration, jerk, .. } = joint.walls;
+            joint.approach = Approach::new(self.bandwidth, acceleration, jerk, joint.demand);
+        }
+    }
+
     /// The speed limit of a joint in the present phase.
     fn speed_limit(&self, walls: &Walls) -> f64 {
         let slow = self.engage.velocity_rad_s.min(walls.velocity);
@@ -279,10 +296,10 @@ impl Tracker {
             let (joint, x, r) = (&self.joints[i], &self.states[i], &self.reference_states[i]);
             let limit = self.speed_limit(&joint.walls);
             let e = errors(r, x);
-            let relative = law::relative_velocity(&joint.approach, &e, 1.0);
-            let velocity = law::velocity(&relative, r.velocity_rad_s, r.acceleration_rad_s2, limit);
+            let relative = law::relative_velocity(&joint.approach, &e, r.velocity_rad_s, 1.0);
+            let velocity = law::velocity(&relative, r.velocity_rad_s, r.acceleration_rad_s2);
             let (v, a) = (x.velocity_rad_s, x.acceleration_rad_s2);
-            let pull = law::acceleration(&joint.approach, &velocity, v, a);
+            let pull = law::acceleration(&joint.approach, &velocity, limit, v, a);
             self.wanted[i].value = law::jerk(self.bandwidth, &pull, a, joint.walls.acceleration);
         }
     }
@@ -304,10 +321,10 @@ impl Tracker {
             let e = errors(r, x);
             let own = joint.approach.speed(e.position.abs())[0];
             let share = if own > 0.0 { (pace * e.position.abs() / own).min(1.0) } else { pace / self.bandwidth };
-            let relative = law::relative_velocity(&joint.approach, &e, share);
-            let velocity = law::velocity(&relative, r.velocity_rad_s, r.acceleration_rad_s2, limit);
+            let relative = law::relative_velocity(&joint.approach, &e, r.velocity_rad_s, share);
+            let velocity = law::velocity(&relative, r.velocity_rad_s, r.acceleration_rad_s2);
             let (v, a) = (x.velocity_rad_s, x.acceleration_rad_s2);
-            let pull = law::acceleration(&joint.approach, &velocity, v, a);
+            let pull = law::acceleration(&joint.approach, &velocity, limit, v, a);
             room = room.min(joint.walls.acceleration / pull.value.abs());
             self.wanted[i] = pull;
         }
