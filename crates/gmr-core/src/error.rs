@@ -111,6 +111,12 @@ pub enum Error {
         /// Time of the sample before.
         previous_s: f64,
     },
+    /// The data carry no information about what was asked, so the likelihood is unbounded or flat.
+    #[error("{what}: constant or exactly predictable, the likelihood is unbounded")]
+    Degenerate {
+        /// What is degenerate.
+        what: &'static str,
+    },
     /// A numerical search ended without an acceptable point.
     #[error("{what} did not converge after {iterations} iterations, residual {residual:e}")]
     NotConverged {

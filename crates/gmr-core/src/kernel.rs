@@ -63,10 +63,6 @@ impl Blocks {
         Self { len, dim, values, weights, extra }
     }
 
-    pub(crate) fn dim(&self) -> usize {
-        self.dim
-    }
-
     fn block_count(&self) -> usize {
         self.len.div_ceil(BLOCK)
     }

@@ -102,6 +102,11 @@ impl Prediction {
         &self.responsibilities
     }
 
+    /// `m_n(x)` of each component, `(k, d_o)` row-major.
+    pub fn component_means(&self) -> &[f64] {
+        &self.component_means
+    }
+
     /// `ln p(x)` of the inputs: how usual this query is.
     pub fn log_density(&self) -> f64 {
         self.log_density

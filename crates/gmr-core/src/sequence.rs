@@ -7,9 +7,12 @@
 //! `m = (1 - w) m_0 + w m_1`, `m' = (1 - w) m_0' + w m_1' + w' (m_1 - m_0)`, and the covariance is that
 //! of a mixture of the two, `(1 - w) V_0 + w V_1 + w (1 - w) (m_1 - m_0)(m_1 - m_0)'`.
 
+use std::ops::Range;
+
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result, check_len};
+use crate::fusion::{Fusion, FusionReading};
 use crate::gmm::{FitReport, GmmPlan, Mixture};
 use crate::regress::{Prediction, Regressor};
 use crate::samples::Samples;
@@ -130,6 +133,40 @@ impl ElementSequence {
         blend_s: f64,
         plan: &GmmPlan,
     ) -> Result<(Self, Vec<FitReport>)> {
+        Self::learn_with(demonstrations, elements, blend_s, |samples, _| plan.fit(samples))
+    }
+
+    /// As [`ElementSequence::learn`], with weights fused with ARIMA errors (paper, eqs. 11-14).
+    ///
+    /// `errors` has one list per demonstration, see [`crate::arima_errors`].
+    ///
+    /// # Errors
+    /// As [`ElementSequence::learn`], or errors that do not match the demonstrations.
+    pub fn learn_fused(
+        demonstrations: &[Trajectory],
+        elements: &[MotionElement],
+        blend_s: f64,
+        plan: &GmmPlan,
+        errors: &[Vec<f64>],
+        reading: FusionReading,
+    ) -> Result<(Self, Vec<FitReport>)> {
+        check_len("ARIMA errors, demonstrations", demonstrations.len(), errors.len())?;
+        for (demonstration, errors) in demonstrations.iter().zip(errors) {
+            check_len("ARIMA errors, samples", demonstration.len(), errors.len())?;
+        }
+        Self::learn_with(demonstrations, elements, blend_s, |samples, ranges| {
+            let chosen: Vec<f64> =
+                errors.iter().zip(ranges).flat_map(|(e, range)| e[range.clone()].iter().copied()).collect();
+            plan.fit_fused(samples, &Fusion::new(&chosen, reading)?)
+        })
+    }
+
+    fn learn_with(
+        demonstrations: &[Trajectory],
+        elements: &[MotionElement],
+        blend_s: f64,
+        fit: impl Fn(&Samples<'_>, &[Range<usize>]) -> Result<(Mixture, FitReport)>,
+    ) -> Result<(Self, Vec<FitReport>)> {
         let Some(first) = demonstrations.first() else {
             return Err(Error::TooFewSamples { what: "demonstrations", needed: 1, got: 0 });
         };
@@ -138,11 +175,13 @@ impl ElementSequence {
         let mut reports = Vec::with_capacity(elements.len());
         for &element in elements {
             let mut rows = Vec::new();
+            let mut ranges = Vec::with_capacity(demonstrations.len());
             for demonstration in demonstrations {
                 check_len("demonstration dimension", dim, demonstration.dim())?;
                 rows.extend(element.samples(demonstration, 0.5 * blend_s));
+                ranges.push(element.range(demonstration, 0.5 * blend_s));
             }
-            let (mixture, report) = plan.fit(&Samples::new(&rows, dim + 1)?)?;
+            let (mixture, report) = fit(&Samples::new(&rows, dim + 1)?, &ranges)?;
             models.push(ElementModel { element, mixture });
             reports.push(report);
         }
@@ -241,6 +280,11 @@ impl SequencePrediction {
     /// Whether the query lay before, within or after the motion.
     pub fn phase(&self) -> Phase {
         self.phase
+    }
+
+    /// Log density of the time under the element (blended in a joint): how usual this moment is.
+    pub fn log_density(&self) -> f64 {
+        self.log_density
     }
 
     /// Index of the element the query fell into.

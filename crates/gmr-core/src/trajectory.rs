@@ -105,6 +105,16 @@ impl Trajectory {
         Self { parts }
     }
 
+    /// The same trajectory with only some columns, in the given order.
+    ///
+    /// # Errors
+    /// An empty list, or a column out of bounds or listed twice.
+    pub fn select(&self, columns: &[usize]) -> Result<Self> {
+        crate::gmm::check_dimensions("trajectory columns", columns, self.dim())?;
+        let values = (0..self.len()).flat_map(|i| columns.iter().map(move |&c| self.row(i)[c])).collect();
+        Self::new(self.parts.times_s.clone(), values, columns.len())
+    }
+
     /// One column.
     pub fn column(&self, column: usize) -> Vec<f64> {
         self.parts.values.iter().skip(column).step_by(self.parts.dim).copied().collect()

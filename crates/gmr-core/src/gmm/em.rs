@@ -5,10 +5,13 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use super::mixture::{Mixture, MixtureParts};
+use super::params::MissingValues;
 use super::params::{CovarianceKind, GmmParams, Start};
-use super::report::{FitReport, Floored, Regularisation, RestartOutcome, RestartReport, Stop};
+use super::report::{FitReport, Floored, MissingReport, Regularisation, RestartOutcome, RestartReport, Stop};
 use super::start;
 use crate::error::{Error, Result, check_len};
+use crate::fusion::{Fusion, FusionReport, FusionStep};
+use crate::gaps::Gaps;
 use crate::kernel::{Blocks, Moments, moments};
 use crate::linalg::clip_eigenvalues;
 use crate::samples::Samples;
@@ -29,24 +32,88 @@ struct Run {
     k_means_iterations: usize,
     floored: Vec<Floored>,
     recentred: usize,
+    fused: Vec<FusionStep>,
 }
 
-pub(super) fn fit(params: &GmmParams, samples: &Samples<'_>) -> Result<(Mixture, FitReport)> {
+/// Samples in the form the statistics are taken from.
+enum Data<'a> {
+    Complete(Blocks),
+    WithGaps(Gaps<'a>),
+}
+
+impl Data<'_> {
+    fn moments(&self, mixture: &Mixture, centres: &[f64]) -> Result<Moments> {
+        match self {
+            Self::Complete(blocks) => Ok(moments(blocks, mixture.kernel(), centres)),
+            Self::WithGaps(gaps) => gaps.moments(mixture, centres),
+        }
+    }
+}
+
+/// Everything a run shares with the others.
+struct Job<'a> {
+    params: &'a GmmParams,
+    data: Data<'a>,
+    /// The samples, with gaps filled by column means: what the start sees.
+    start_samples: Samples<'a>,
+    /// Blocks of the same, when they are not the data themselves.
+    start_blocks: Option<Blocks>,
+    total: f64,
+    fusion: Option<&'a Fusion<'a>>,
+}
+
+pub(super) fn fit(
+    params: &GmmParams,
+    samples: &Samples<'_>,
+    fusion: Option<&Fusion<'_>>,
+) -> Result<(Mixture, FitReport)> {
     let (n, d, k) = (samples.len(), samples.dim(), params.components);
     if let Start::Mixture(mixture) = &params.start {
         check_len("sample dimension of the warm start", mixture.dim(), d)?;
     }
-    let usable = (0..n).filter(|&i| samples.weight(i) > 0.0).count();
+    if samples.missing() > 0 && params.missing == MissingValues::Refuse {
+        let index = samples.values().iter().position(|v| v.is_nan()).unwrap_or(0);
+        return Err(Error::NotFinite { what: "samples", index, value: f64::NAN });
+    }
+    let errors = fusion.map(Fusion::errors);
+    let gaps = (samples.missing() > 0).then(|| Gaps::new(samples, errors));
+    let (usable, total) = gaps
+        .as_ref()
+        .map_or_else(|| ((0..n).filter(|&i| samples.weight(i) > 0.0).count(), samples.total_weight()), Gaps::usable);
     if usable < k {
         return Err(Error::TooFewSamples { what: "mixture fit", needed: k, got: usable });
     }
-    if let Some(index) = samples.values().iter().position(|v| v.is_nan()) {
-        return Err(Error::NotFinite { what: "samples", index, value: f64::NAN });
-    }
-    let blocks = Blocks::new(samples, None);
-    let total = samples.total_weight();
-    let runs: Vec<std::result::Result<Run, (RestartOutcome, usize)>> =
-        (0..params.restarts).into_par_iter().map(|restart| run(params, samples, &blocks, total, restart)).collect();
+    let missing = gaps.is_some().then(|| MissingReport {
+        values: samples.missing(),
+        partial_rows: (0..n)
+            .filter(|&i| {
+                let gone = samples.row(i).iter().filter(|v| v.is_nan()).count();
+                gone > 0 && gone < d
+            })
+            .count(),
+        unused_rows: n - usable,
+    });
+    let filled = gaps.as_ref().map(|_| with_column_means(samples));
+    let start_samples = match &filled {
+        Some(values) => {
+            let start = Samples::new(values, d)?;
+            match samples.weights() {
+                Some(weights) => start.with_weights(weights)?,
+                None => start,
+            }
+        }
+        None => *samples,
+    };
+    let job = Job {
+        params,
+        start_blocks: gaps.as_ref().map(|_| Blocks::new(&start_samples, None)),
+        data: gaps.map_or_else(|| Data::Complete(Blocks::new(samples, errors)), Data::WithGaps),
+        start_samples,
+        total,
+        fusion,
+    };
+    let runs: Vec<std::result::Result<Run, Failure>> =
+        (0..params.restarts).into_par_iter().map(|restart| run(&job, restart)).collect();
     let restarts: Vec<RestartReport> = runs
         .iter()
         .map(|run| match run {
@@ -90,31 +157,33 @@ pub(super) fn fit(params: &GmmParams, samples: &Samples<'_>) -> Result<(Mixture,
             floored: run.floored,
         },
         recentred: run.recentred,
+        missing,
+        fusion: fusion.map(|f| FusionReport { reading: f.reading(), steps: run.fused }),
     };
     Ok((run.mixture, report))
 }
 
 type Failure = (RestartOutcome, usize);
 
-fn run(
-    params: &GmmParams,
-    samples: &Samples<'_>,
-    blocks: &Blocks,
-    total: f64,
-    restart: usize,
-) -> std::result::Result<Run, Failure> {
-    let d = blocks.dim();
+fn run(job: &Job<'_>, restart: usize) -> std::result::Result<Run, Failure> {
+    let Job { params, data, total, .. } = job;
+    let (d, total) = (job.start_samples.dim(), *total);
     let mut floored = Vec::new();
+    let mut fused = Vec::new();
     let mut k_means_iterations = 0;
     let mut mixture = if let Start::Mixture(mixture) = &params.start {
         mixture.as_ref().clone()
     } else {
         let mut rng = ChaCha8Rng::seed_from_u64(params.seed);
         rng.set_stream(restart as u64);
-        let assignment = start::assign(&params.start, blocks, samples, params.components, &mut rng);
+        let blocks = match (data, &job.start_blocks) {
+            (_, Some(blocks)) | (Data::Complete(blocks), None) => blocks,
+            (Data::WithGaps(_), None) => unreachable!("data with gaps come with blocks for the start"),
+        };
+        let assignment = start::assign(&params.start, blocks, &job.start_samples, params.components, &mut rng);
         k_means_iterations = assignment.iterations;
-        let (moments, centres) = hard_moments(samples, &assignment.labels, params.components);
-        maximise(params, &moments, &centres, total, 0, &mut floored).map_err(|o| (o, 0))?
+        let (moments, centres) = hard_moments(&job.start_samples, &assignment.labels, params.components);
+        maximise(params, &moments, &centres, None, 0, &mut floored).map_err(|o| (o, 0))?
     };
     let mut history = Vec::new();
     let mut previous = f64::NEG_INFINITY;
@@ -122,17 +191,19 @@ fn run(
     let mut recentred = 0;
     for iteration in 1..=params.max_iterations {
         let mut centres = mixture.means().to_vec();
-        let mut about = moments(blocks, mixture.kernel(), &centres);
+        let unsupported = |_| (RestartOutcome::NoSupport { iteration }, iteration);
+        let mut about = data.moments(&mixture, &centres).map_err(unsupported)?;
         let mean = about.log_likelihood / total;
         if !mean.is_finite() {
             return Err((RestartOutcome::NoSupport { iteration }, iteration));
         }
         if recentre(&about, &mut centres, d) {
             recentred += 1;
-            about = moments(blocks, mixture.kernel(), &centres);
+            about = data.moments(&mixture, &centres).map_err(unsupported)?;
         }
         history.push(mean);
-        mixture = maximise(params, &about, &centres, total, iteration, &mut floored).map_err(|o| (o, iteration))?;
+        let fusion = job.fusion.map(|f| (f, &mut fused));
+        mixture = maximise(params, &about, &centres, fusion, iteration, &mut floored).map_err(|o| (o, iteration))?;
         let change = mean - previous;
         previous = mean;
         if change.abs() < params.tolerance {
@@ -141,21 +212,34 @@ fn run(
         }
         stop = Stop::IterationLimit { change };
     }
-    let log_likelihood = mixture
-        .log_likelihood(samples)
+    let iterations = history.len();
+    let log_likelihood = data
+        .moments(&mixture, mixture.means())
+        .map(|m| m.log_likelihood)
         .ok()
         .filter(|l| l.is_finite())
-        .ok_or((RestartOutcome::NoSupport { iteration: history.len() }, history.len()))?;
-    Ok(Run {
-        mixture,
-        stop,
-        iterations: history.len(),
-        history,
-        log_likelihood,
-        k_means_iterations,
-        floored,
-        recentred,
-    })
+        .ok_or((RestartOutcome::NoSupport { iteration: iterations }, iterations))?;
+    Ok(Run { mixture, stop, iterations, history, log_likelihood, k_means_iterations, floored, recentred, fused })
+}
+
+/// The samples with each missing value replaced by the mean of its column.
+fn with_column_means(samples: &Samples<'_>) -> Vec<f64> {
+    let d = samples.dim();
+    let mut values = samples.values().to_vec();
+    for j in 0..d {
+        let (mut sum, mut weight) = (0.0, 0.0);
+        for (i, v) in samples.values().iter().skip(j).step_by(d).enumerate() {
+            if !v.is_nan() {
+                sum += samples.weight(i) * v;
+                weight += samples.weight(i);
+            }
+        }
+        let mean = if weight > 0.0 { sum / weight } else { 0.0 };
+        for v in values.iter_mut().skip(j).step_by(d).filter(|v| v.is_nan()) {
+            *v = mean;
+        }
+    }
+    values
 }
 
 /// Moments of a hard assignment, each component about its own mean.
@@ -218,7 +302,7 @@ fn maximise(
     params: &GmmParams,
     moments: &Moments,
     centres: &[f64],
-    total: f64,
+    fusion: Option<(&Fusion<'_>, &mut Vec<FusionStep>)>,
     iteration: usize,
     floored: &mut Vec<Floored>,
 ) -> std::result::Result<Mixture, RestartOutcome> {
@@ -228,8 +312,8 @@ fn maximise(
     let mut scatter = vec![0.0; k * d * d];
     for c in 0..k {
         let mass = moments.mass[c];
-        if !(mass > EMPTY_SHARE * total) {
-            return Err(RestartOutcome::EmptyComponent { component: c, iteration, share: mass / total });
+        if !(mass > EMPTY_SHARE * mass_sum) {
+            return Err(RestartOutcome::EmptyComponent { component: c, iteration, share: mass / mass_sum });
         }
         let first = &moments.first[c * d..(c + 1) * d];
         for (m, s) in means[c * d..(c + 1) * d].iter_mut().zip(first) {
@@ -245,7 +329,11 @@ fn maximise(
             }
         }
     }
-    let weights: Vec<f64> = moments.mass.iter().map(|m| m / mass_sum).collect();
+    let mut weights: Vec<f64> = moments.mass.iter().map(|m| m / mass_sum).collect();
+    if let Some((fusion, steps)) = fusion {
+        let reliability: Vec<f64> = moments.extra.iter().zip(&moments.mass).map(|(e, m)| e / m).collect();
+        steps.push(fusion.apply(&mut weights, &reliability));
+    }
     let mut covariances = match kind {
         CovarianceKind::Full => scatter,
         CovarianceKind::Tied => {

@@ -8,9 +8,11 @@ mod em;
 mod mixture;
 mod params;
 mod report;
+mod select;
 mod start;
 
 pub(crate) use mixture::{LN_2_PI, check_dimensions};
 pub use mixture::{Mixture, MixtureParts};
-pub use params::{CovarianceKind, GmmParams, GmmPlan, Start};
-pub use report::{FitReport, Floored, Regularisation, RestartOutcome, RestartReport, Stop};
+pub use params::{CovarianceKind, GmmParams, GmmPlan, MissingValues, Start};
+pub use report::{FitReport, Floored, MissingReport, Regularisation, RestartOutcome, RestartReport, Stop};
+pub use select::{Candidate, Criterion, Selection, select_components};

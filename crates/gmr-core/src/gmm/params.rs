@@ -5,7 +5,8 @@ use serde::{Deserialize, Serialize};
 use super::em;
 use super::mixture::Mixture;
 use super::report::FitReport;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, check_len};
+use crate::fusion::Fusion;
 use crate::samples::Samples;
 
 /// Shape of the covariances.
@@ -34,6 +35,16 @@ pub enum Start {
     RandomSamples,
     /// A given mixture (warm start). Restarts are pointless and refused.
     Mixture(Box<Mixture>),
+}
+
+/// What a fit does with NaN.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum MissingValues {
+    /// A NaN is an error.
+    Refuse,
+    /// A NaN is a value that was not seen; it is integrated out exactly.
+    Marginalise,
 }
 
 /// Freely set parameters of a mixture fit; [`GmmParams::validate`] turns them into a plan.
@@ -79,13 +90,16 @@ pub struct GmmParams {
     pub floor: f64,
     /// Share of each covariance replaced by its mean variance times the identity, in `[0, 1)`.
     pub shrinkage: f64,
+    /// What to do with missing values.
+    pub missing: MissingValues,
     /// Seed of the start; the same seed and samples give the same bytes.
     pub seed: u64,
 }
 
 impl Default for GmmParams {
     /// One full-covariance component, k-means start, one restart, at most 500 iterations to
-    /// 1e-6 nats, floor 1e-9 (a deviation of 32 um, 32 urad or 32 us), no ridge, no shrinkage, seed 0.
+    /// 1e-6 nats, floor 1e-9 (a deviation of 32 um, 32 urad or 32 us), no ridge, no shrinkage,
+    /// missing values refused, seed 0.
     fn default() -> Self {
         Self {
             components: 1,
@@ -97,6 +111,7 @@ impl Default for GmmParams {
             ridge: 0.0,
             floor: 1e-9,
             shrinkage: 0.0,
+            missing: MissingValues::Refuse,
             seed: 0,
         }
     }
@@ -165,6 +180,17 @@ impl GmmPlan {
     /// Fewer distinct samples than components, missing values where they are not accepted, or
     /// [`Error::AllRestartsFailed`] when every start ended in an empty or collapsed component.
     pub fn fit(&self, samples: &Samples<'_>) -> Result<(Mixture, FitReport)> {
-        em::fit(&self.params, samples)
+        em::fit(&self.params, samples, None)
+    }
+
+    /// As [`GmmPlan::fit`], with the weights of every M step after the start fused with an ARIMA model's
+    /// errors (paper, eqs. 11-14; see [`crate::FusionReading`]). The likelihood may then fall;
+    /// the report tells what fusion did in every iteration.
+    ///
+    /// # Errors
+    /// As [`GmmPlan::fit`], or not one error per sample.
+    pub fn fit_fused(&self, samples: &Samples<'_>, fusion: &Fusion<'_>) -> Result<(Mixture, FitReport)> {
+        check_len("ARIMA errors", samples.len(), fusion.errors().len())?;
+        em::fit(&self.params, samples, Some(fusion))
     }
 }

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::fusion::FusionReport;
+
 /// Why an EM run ended.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -89,6 +91,17 @@ pub struct Regularisation {
     pub floored: Vec<Floored>,
 }
 
+/// Missing values of a fit, all integrated out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct MissingReport {
+    /// Missing values. The start, and only the start, saw their column's mean instead.
+    pub values: usize,
+    /// Rows with some but not all values missing.
+    pub partial_rows: usize,
+    /// Rows with every value missing or weight zero; they take no part.
+    pub unused_rows: usize,
+}
+
 /// What a fit did; nothing is repaired that is not listed here.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FitReport {
@@ -117,4 +130,8 @@ pub struct FitReport {
     /// M steps in which a component moved so far that its moments were taken again about its new
     /// mean, to keep all digits.
     pub recentred: usize,
+    /// Missing values, if there were any.
+    pub missing: Option<MissingReport>,
+    /// What weight fusion did in the kept run, if it was asked for.
+    pub fusion: Option<FusionReport>,
 }

@@ -1,0 +1,391 @@
+//! Maximum likelihood.
+
+use serde::{Deserialize, Serialize};
+
+use super::dense::{self, Mean};
+use super::filter::{self, Arma, MAX_STATE, Sums, Work};
+use super::model::{Arima, ArimaParts, check_series, differenced};
+use super::optimise::minimise;
+use super::polynomial::{invertible, stationary, unconstrained_near};
+use crate::error::{Error, Result};
+use crate::gmm::LN_2_PI;
+use crate::linalg::{cholesky, solve_lower, solve_lower_transpose};
+
+/// Orders of an ARIMA model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct ArimaOrder {
+    /// Autoregressive order.
+    pub p: usize,
+    /// Differences taken.
+    pub d: usize,
+    /// Moving average order.
+    pub q: usize,
+}
+
+/// Freely set parameters of an ARIMA fit.
+///
+/// ```
+/// use gmr_core::{ArimaOrder, ArimaParams};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// // A straight line with a little alternating noise: one difference leaves the drift.
+/// let y: Vec<f64> = (0..60).map(|i| 0.5 * f64::from(i) + 0.01 * f64::from(i % 2)).collect();
+/// let plan = ArimaParams { order: ArimaOrder { p: 1, d: 1, q: 0 }, constant: true, ..ArimaParams::default() }.validate()?;
+/// let (model, report) = plan.fit(&y)?;
+/// assert!((model.parts().mean - 0.5).abs() < 1e-3);
+/// assert_eq!(report.observations, 59);
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ArimaParams {
+    /// Orders.
+    pub order: ArimaOrder,
+    /// Whether the mean (`d = 0`) or drift (`d = 1`) is estimated; otherwise it is zero.
+    pub constant: bool,
+    /// Quasi-Newton iterations at most, per start.
+    pub max_iterations: usize,
+    /// Largest gradient component of the log-likelihood per value at which the search stops.
+    pub tolerance: f64,
+}
+
+impl Default for ArimaParams {
+    /// ARIMA(1, 0, 0) with a mean, at most 200 iterations, tolerance 1e-6.
+    fn default() -> Self {
+        Self { order: ArimaOrder { p: 1, d: 0, q: 0 }, constant: true, max_iterations: 200, tolerance: 1e-6 }
+    }
+}
+
+/// Checked parameters; the only thing that can fit an ARIMA model.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ArimaPlan {
+    params: ArimaParams,
+}
+
+/// Where the kept search began.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ArimaStart {
+    /// At the minimum of the conditional sum of squares, reached from the two-stage regression of
+    /// Hannan and Rissanen (1982).
+    ConditionalSquares,
+    /// At white noise.
+    WhiteNoise,
+    /// At one of the best points of a coarse grid over the whole region.
+    Grid,
+    /// Nothing to search: `p = q = 0`.
+    Closed,
+}
+
+/// Why the kept search ended.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ArimaStop {
+    /// The gradient fell below the tolerance.
+    Converged,
+    /// No step raised the likelihood any further; the usual end on a border of the region.
+    NoFurtherGain,
+    /// The iteration limit was reached first.
+    IterationLimit,
+}
+
+/// What an ARIMA fit did.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ArimaReport {
+    /// Exact log-likelihood (diffuse for `d > 0`) of the returned model.
+    pub log_likelihood: f64,
+    /// Free parameters, the variance included.
+    pub parameters: usize,
+    /// Akaike's criterion.
+    pub aic: f64,
+    /// Akaike's criterion corrected for small samples; infinite when there are too few values.
+    pub aicc: f64,
+    /// Schwarz' criterion.
+    pub bic: f64,
+    /// Values that count in the likelihood: observed minus `d`.
+    pub observations: usize,
+    /// Missing values.
+    pub missing: usize,
+    /// Iterations of the kept search.
+    pub iterations: usize,
+    /// Largest gradient component per value at the end.
+    pub gradient: f64,
+    /// Where the kept search began.
+    pub start: ArimaStart,
+    /// Why it ended.
+    pub stop: ArimaStop,
+    /// Whether a partial autocorrelation ended within 1e-6 of one: a unit root, so the likelihood
+    /// has its maximum on the border of the region.
+    pub on_border: bool,
+}
+
+impl ArimaParams {
+    /// Checks every field.
+    ///
+    /// # Errors
+    /// [`Error::InvalidParameter`] with the field, the allowed interval and the value.
+    pub fn validate(self) -> Result<ArimaPlan> {
+        let ArimaOrder { p, d, q } = self.order;
+        if p.max(q + 1) >= MAX_STATE || d > 4 {
+            return Err(Error::InvalidParameter {
+                name: "order",
+                allowed: "p <= 23, q <= 22, d <= 4",
+                value: p.max(q).max(d) as f64,
+            });
+        }
+        if self.max_iterations == 0 {
+            return Err(Error::InvalidParameter { name: "max_iterations", allowed: "at least 1", value: 0.0 });
+        }
+        if !(self.tolerance > 0.0 && self.tolerance.is_finite()) {
+            return Err(Error::InvalidParameter { name: "tolerance", allowed: "(0, inf)", value: self.tolerance });
+        }
+        Ok(ArimaPlan { params: self })
+    }
+}
+
+/// A series prepared for the search: scaled to about one, differenced when complete.
+struct Prepared {
+    /// Complete and differenced, or as given with NaN.
+    values: Vec<f64>,
+    complete: bool,
+    d: usize,
+    constant: bool,
+    /// Power of two that was divided out.
+    scale: f64,
+    /// Subtracted from a complete differenced series when a mean is estimated.
+    centre: f64,
+    /// Observed minus `d`.
+    n: usize,
+}
+
+/// Likelihood ingredients at one set of coefficients.
+struct Evaluation {
+    log_f: f64,
+    squares: f64,
+    mean: f64,
+}
+
+impl Prepared {
+    fn new(y: &[f64], d: usize, constant: bool) -> Result<Self> {
+        let observed = y.iter().filter(|v| !v.is_nan()).count();
+        let n = observed.saturating_sub(d);
+        let complete = observed == y.len();
+        let mut values = if complete { differenced(y, d) } else { y.to_vec() };
+        let centre = if complete && constant { values.iter().sum::<f64>() / values.len().max(1) as f64 } else { 0.0 };
+        values.iter_mut().for_each(|v| *v -= centre);
+        let peak = values.iter().filter(|v| !v.is_nan()).fold(0.0f64, |m, v| m.max(v.abs()));
+        if !(peak >= 1e-290) {
+            return Err(Error::Degenerate { what: "series after differencing and removing the mean" });
+        }
+        let scale = peak.log2().floor().exp2();
+        values.iter_mut().for_each(|v| *v /= scale);
+        Ok(Self { values, complete, d, constant, scale, centre, n })
+    }
+
+    fn evaluate(&self, arma: &Arma, work: &mut Work, conditional: bool) -> Option<Evaluation> {
+        if self.complete {
+            let sums: Sums = filter::filter(arma, &self.values, self.constant, conditional, work, |_, _, _, _| {});
+            let squares = sums.squares(self.constant);
+            Some(Evaluation { log_f: sums.log_f, squares, mean: sums.mean(self.constant) })
+        } else {
+            let mean = if self.constant { Mean::Estimated } else { Mean::Known(0.0) };
+            let filtered = dense::filter(arma, self.d, &self.values, mean).ok()?;
+            Some(Evaluation { log_f: filtered.log_f, squares: filtered.squares, mean: filtered.mean })
+        }
+    }
+}
+
+impl ArimaPlan {
+    /// The checked parameters.
+    pub fn params(&self) -> &ArimaParams {
+        &self.params
+    }
+
+    /// Fits the model to `y`, NaN marking missing values.
+    ///
+    /// # Errors
+    /// Infinite values, too few observed values for the parameters, or a series that is constant
+    /// after differencing, whose likelihood is unbounded.
+    pub fn fit(&self, y: &[f64]) -> Result<(Arima, ArimaReport)> {
+        check_series(y)?;
+        let ArimaOrder { p, d, q } = self.params.order;
+        let constant = self.params.constant;
+        let searched = p + q;
+        let parameters = searched + usize::from(constant) + 1;
+        let observed = y.iter().filter(|v| !v.is_nan()).count();
+        if observed < d + parameters + 1 {
+            return Err(Error::TooFewSamples { what: "ARIMA fit", needed: d + parameters + 1, got: observed });
+        }
+        let prepared = Prepared::new(y, d, constant)?;
+        let n = prepared.n as f64;
+        let mut arma = Arma::new(&vec![0.0; p], &vec![0.0; q]);
+        let mut work = Work::new(arma.r);
+        let mut ar = vec![0.0; p];
+        let mut ma = vec![0.0; q];
+        let mut objective = |x: &[f64], conditional: bool| {
+            stationary(&x[..p], &mut ar);
+            invertible(&x[p..], &mut ma);
+            arma.set(&ar, &ma);
+            match prepared.evaluate(&arma, &mut work, conditional) {
+                Some(e) if e.squares > 0.0 => 0.5 * ((e.squares / n).ln() + e.log_f / n),
+                _ => f64::INFINITY,
+            }
+        };
+        let (iterations, tolerance) = (self.params.max_iterations, self.params.tolerance);
+        let mut starts = vec![(ArimaStart::WhiteNoise, vec![0.0; searched])];
+        if searched == 0 {
+            starts[0].0 = ArimaStart::Closed;
+        } else if prepared.complete
+            && let Some(x) = hannan_rissanen(&prepared.values, p, q)
+        {
+            // The conditional sum of squares costs half a likelihood and has the same landscape.
+            let rough = minimise(&x, 50, 1e-3, |x| objective(x, true));
+            starts.insert(0, (ArimaStart::ConditionalSquares, rough.x));
+        }
+        if searched > 1 {
+            let mut grid: Vec<(f64, Vec<f64>)> =
+                coarse_grid(searched).into_iter().map(|x| (objective(&x, false), x)).collect();
+            grid.sort_by(|a, b| a.0.total_cmp(&b.0));
+            starts.extend(grid.into_iter().take(GRID_STARTS).map(|(_, x)| (ArimaStart::Grid, x)));
+        }
+        let mut best = None;
+        for (start, x) in starts {
+            let found = minimise(&x, iterations, tolerance, |x| objective(x, false));
+            if found.value.is_finite()
+                && best.as_ref().is_none_or(|(_, b): &(_, super::optimise::Minimum)| found.value < b.value - 1e-12)
+            {
+                best = Some((start, found));
+            }
+        }
+        let Some((start, found)) = best else {
+            return Err(Error::Degenerate { what: "series for this ARIMA order" });
+        };
+        let stop = if found.gradient <= tolerance {
+            ArimaStop::Converged
+        } else if found.iterations >= iterations {
+            ArimaStop::IterationLimit
+        } else {
+            ArimaStop::NoFurtherGain
+        };
+        stationary(&found.x[..p], &mut ar);
+        invertible(&found.x[p..], &mut ma);
+        arma.set(&ar, &ma);
+        let Some(at) = prepared.evaluate(&arma, &mut work, false) else {
+            return Err(Error::Degenerate { what: "series for this ARIMA order" });
+        };
+        let log_scale = prepared.scale.ln();
+        let sigma2 = at.squares / n;
+        let log_likelihood = -0.5 * (n * (LN_2_PI + 1.0 + sigma2.ln() + 2.0 * log_scale) + at.log_f);
+        let model = Arima::new(ArimaParts {
+            ar,
+            difference: d,
+            ma,
+            mean: if constant { at.mean * prepared.scale + prepared.centre } else { 0.0 },
+            variance: sigma2 * prepared.scale * prepared.scale,
+        })?;
+        let k = parameters as f64;
+        let aic = 2.0 * k - 2.0 * log_likelihood;
+        let report = ArimaReport {
+            log_likelihood,
+            parameters,
+            aic,
+            aicc: if n > k + 1.0 { aic + 2.0 * k * (k + 1.0) / (n - k - 1.0) } else { f64::INFINITY },
+            bic: k * n.ln() - 2.0 * log_likelihood,
+            observations: prepared.n,
+            missing: y.len() - observed,
+            iterations: found.iterations,
+            gradient: found.gradient,
+            start,
+            stop,
+            // tanh(7.25) = 1 - 1e-6.
+            on_border: found.x.iter().any(|x| x.abs() > 7.25),
+        };
+        Ok((model, report))
+    }
+}
+
+/// Grid points from which a search is begun. The likelihood of mixed models has several maxima; two more
+/// starts find the highest one wherever the tests know it.
+const GRID_STARTS: usize = 2;
+/// Grid points at most; with more than four numbers only their joint signs vary.
+const GRID_POINTS: usize = 81;
+
+/// Points with each unconstrained number at -0.8, 0 or 0.8 (partial autocorrelations of 0.66); for more numbers than
+/// that allows, a fixed pseudo-random choice among them.
+fn coarse_grid(numbers: usize) -> Vec<Vec<f64>> {
+    let all = 3usize.checked_pow(numbers as u32).filter(|n| *n <= GRID_POINTS);
+    let mut state = 1u64;
+    (0..all.unwrap_or(GRID_POINTS))
+        .map(|index| {
+            let mut rest = index;
+            (0..numbers)
+                .map(|_| {
+                    let digit = if all.is_some() {
+                        let digit = rest % 3;
+                        rest /= 3;
+                        digit
+                    } else {
+                        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                        (state >> 33) as usize % 3
+                    };
+                    0.8 * (digit as f64 - 1.0)
+                })
+                .collect()
+        })
+        .collect()
+}
+
+/// Two-stage regression of Hannan and Rissanen (1982): residuals of a long autoregression stand in
+/// for the innovations. `None` when the series is too short.
+fn hannan_rissanen(w: &[f64], p: usize, q: usize) -> Option<Vec<f64>> {
+    let n = w.len();
+    let long = if q == 0 { 0 } else { (p + q + 4).max((10.0 * (n as f64).log10()) as usize).min(n / 4) };
+    let first = long + p.max(q);
+    if n < first + 3 * (p + q) + 2 {
+        return None;
+    }
+    let mut innovations = vec![0.0; n];
+    if q > 0 {
+        let phi = regress(n, long, long, |t, j| w[t - 1 - j], |t| w[t])?;
+        for t in long..n {
+            innovations[t] = w[t] - phi.iter().enumerate().map(|(j, c)| c * w[t - 1 - j]).sum::<f64>();
+        }
+    }
+    let lag = |t: usize, j: usize| if j < p { w[t - 1 - j] } else { innovations[t - 1 - (j - p)] };
+    let coefficients = regress(n, first, p + q, lag, |t| w[t])?;
+    let mut x = unconstrained_near(&coefficients[..p], false);
+    x.extend(unconstrained_near(&coefficients[p..], true));
+    Some(x)
+}
+
+/// Least squares of `target(t)` on `feature(t, 0..m)`, `t` in `from..n`, by normal equations.
+fn regress(
+    n: usize,
+    from: usize,
+    m: usize,
+    feature: impl Fn(usize, usize) -> f64,
+    target: impl Fn(usize) -> f64,
+) -> Option<Vec<f64>> {
+    let mut gram = vec![0.0; m * m];
+    let mut cross = vec![0.0; m];
+    let mut row = vec![0.0; m];
+    for t in from..n {
+        for (j, v) in row.iter_mut().enumerate() {
+            *v = feature(t, j);
+        }
+        let y = target(t);
+        for i in 0..m {
+            cross[i] += row[i] * y;
+            for j in 0..=i {
+                gram[i * m + j] += row[i] * row[j];
+            }
+        }
+    }
+    // A start needs no digits; the ridge keeps collinear lags from failing.
+    let ridge = 1e-9 * (0..m).map(|i| gram[i * m + i]).fold(0.0, f64::max);
+    (0..m).for_each(|i| gram[i * m + i] += ridge);
+    cholesky(&mut gram, m).ok()?;
+    solve_lower(&gram, m, &mut cross);
+    solve_lower_transpose(&gram, m, &mut cross);
+    Some(cross)
+}

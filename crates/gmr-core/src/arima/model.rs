@@ -1,0 +1,298 @@
+//! A fitted ARIMA model, its run over a series, and the state that goes on from there.
+
+use serde::{Deserialize, Serialize};
+
+use super::dense::{self, Mean};
+use super::filter::{self, Arma, MAX_STATE, Work};
+use super::polynomial::partial_autocorrelations;
+use crate::error::{Error, MAX_MAGNITUDE, Result, check_values};
+use crate::gmm::LN_2_PI;
+
+/// The numbers of an ARIMA model, as stored in a model file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ArimaParts {
+    /// `phi_1 .. phi_p`.
+    pub ar: Vec<f64>,
+    /// Order of differencing `d`.
+    pub difference: usize,
+    /// `theta_1 .. theta_q`.
+    pub ma: Vec<f64>,
+    /// Mean of the `d` times differenced series: level for `d = 0`, drift per step for `d = 1`.
+    pub mean: f64,
+    /// Innovation variance `sigma^2`, in the series' units squared.
+    pub variance: f64,
+}
+
+/// An ARIMA model with stationary autoregression and positive innovation variance.
+///
+/// ```
+/// use gmr_core::{Arima, ArimaParts};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// // AR(1) with phi = 0.5: from a last value of 8 the forecasts halve, their variances grow as
+/// // 1, 1 + 0.25, ..
+/// let model = Arima::new(ArimaParts { ar: vec![0.5], difference: 0, ma: vec![], mean: 0.0, variance: 1.0 })?;
+/// let run = model.filter(&[0.0, 4.0, 8.0])?;
+/// let ahead = run.state.forecast(2);
+/// assert!((ahead[0].mean - 4.0).abs() < 1e-12 && (ahead[1].mean - 2.0).abs() < 1e-12);
+/// assert!((ahead[0].variance - 1.0).abs() < 1e-12 && (ahead[1].variance - 1.25).abs() < 1e-12);
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "ArimaParts", into = "ArimaParts")]
+pub struct Arima {
+    parts: ArimaParts,
+}
+
+impl TryFrom<ArimaParts> for Arima {
+    type Error = Error;
+
+    fn try_from(parts: ArimaParts) -> Result<Self> {
+        Self::new(parts)
+    }
+}
+
+impl From<Arima> for ArimaParts {
+    fn from(model: Arima) -> Self {
+        model.parts
+    }
+}
+
+/// A one-step prediction error.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Innovation {
+    /// Value minus its prediction.
+    pub value: f64,
+    /// Variance the model gives it.
+    pub variance: f64,
+}
+
+/// A forecast.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Forecast {
+    /// Expected value.
+    pub mean: f64,
+    /// Variance about it.
+    pub variance: f64,
+}
+
+/// What a model makes of a series.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ArimaRun {
+    /// Exact (diffuse for `d > 0`) log-likelihood.
+    pub log_likelihood: f64,
+    /// One-step prediction error per value given the values before it: `None` for missing values and until
+    /// the level is determined (for complete data, the first `d` values).
+    pub residuals: Vec<Option<Innovation>>,
+    /// One-step prediction per value, `None` where there is no residual.
+    pub fitted: Vec<Option<f64>>,
+    /// State after the last value.
+    pub state: ArimaState,
+}
+
+/// The state of a model after a series; takes further values in O(p + q) without a refit.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ArimaState {
+    model: Arima,
+    state: Vec<f64>,
+    /// Covariance per unit variance; `None` once it is settled at `R R'` with known levels.
+    covariance: Option<Vec<f64>>,
+}
+
+/// Checks a series in which NaN marks a missing value.
+pub(super) fn check_series(y: &[f64]) -> Result<()> {
+    for (index, &value) in y.iter().enumerate() {
+        if value.is_infinite() {
+            return Err(Error::NotFinite { what: "series", index, value });
+        }
+        if value.abs() > MAX_MAGNITUDE {
+            return Err(Error::OutOfRange { what: "series", index, value, limit: MAX_MAGNITUDE });
+        }
+    }
+    Ok(())
+}
+
+/// Differences a complete series `d` times.
+pub(super) fn differenced(y: &[f64], d: usize) -> Vec<f64> {
+    let mut w = y.to_vec();
+    for _ in 0..d {
+        w = w.windows(2).map(|p| p[1] - p[0]).collect();
+    }
+    w
+}
+
+impl Arima {
+    /// Checks the numbers of a model.
+    ///
+    /// # Errors
+    /// Values that are not finite, an autoregression that is not stationary, a variance that is not
+    /// positive, or an order above 23.
+    pub fn new(parts: ArimaParts) -> Result<Self> {
+        check_values("autoregressive coefficients", &parts.ar)?;
+        check_values("moving average coefficients", &parts.ma)?;
+        check_values("mean", &[parts.mean])?;
+        if !(parts.variance > 0.0 && parts.variance.is_finite()) {
+            return Err(Error::InvalidParameter { name: "variance", allowed: "(0, inf)", value: parts.variance });
+        }
+        if parts.ar.len().max(parts.ma.len() + 1) >= MAX_STATE || parts.difference > 4 {
+            return Err(Error::InvalidParameter {
+                name: "order",
+                allowed: "p <= 23, q <= 22, d <= 4",
+                value: parts.ar.len().max(parts.ma.len()).max(parts.difference) as f64,
+            });
+        }
+        if partial_autocorrelations(&parts.ar).is_none() {
+            return Err(Error::InvalidParameter {
+                name: "autoregression",
+                allowed: "stationary: every partial autocorrelation within (-1, 1)",
+                value: parts.ar.iter().sum(),
+            });
+        }
+        Ok(Self { parts })
+    }
+
+    /// The numbers, for storage.
+    pub fn parts(&self) -> &ArimaParts {
+        &self.parts
+    }
+
+    fn arma(&self) -> Arma {
+        Arma::new(&self.parts.ar, &self.parts.ma)
+    }
+
+    /// Exact log-likelihood of a series (NaN: missing) under this model; for `d > 0` the diffuse
+    /// likelihood, which for complete data is that of the differenced series.
+    ///
+    /// # Errors
+    /// Infinite values, or no more observed values than `d`.
+    pub fn log_likelihood(&self, y: &[f64]) -> Result<f64> {
+        check_series(y)?;
+        let (d, variance) = (self.parts.difference, self.parts.variance);
+        let arma = self.arma();
+        let (n, log_f, squares) = if y.iter().any(|v| v.is_nan()) || y.len() <= d {
+            let filtered = dense::filter(&arma, d, y, Mean::Known(self.parts.mean))?;
+            (filtered.observed - d, filtered.log_f, filtered.squares)
+        } else {
+            let w: Vec<f64> = differenced(y, d).iter().map(|v| v - self.parts.mean).collect();
+            let sums = filter::filter(&arma, &w, false, false, &mut Work::new(arma.r), |_, _, _, _| {});
+            (sums.n, sums.log_f, sums.ww)
+        };
+        Ok(-0.5 * (n as f64 * (LN_2_PI + variance.ln()) + log_f + squares / variance))
+    }
+
+    /// Runs the model over a series (NaN: missing).
+    ///
+    /// # Errors
+    /// Infinite values, or no more observed values than `d`.
+    pub fn filter(&self, y: &[f64]) -> Result<ArimaRun> {
+        check_series(y)?;
+        let (d, variance) = (self.parts.difference, self.parts.variance);
+        let arma = self.arma();
+        let filtered = dense::filter(&arma, d, y, Mean::Known(self.parts.mean))?;
+        let mut residuals = vec![None; y.len()];
+        let mut fitted = vec![None; y.len()];
+        for &(t, v, f) in &filtered.innovations {
+            residuals[t] = Some(Innovation { value: v, variance: f * variance });
+            fitted[t] = Some(y[t] - v);
+        }
+        let n = (filtered.observed - d) as f64;
+        let log_likelihood = -0.5 * (n * (LN_2_PI + variance.ln()) + filtered.log_f + filtered.squares / variance);
+        let mut state =
+            ArimaState { model: self.clone(), state: filtered.state, covariance: Some(filtered.covariance) };
+        state.settle(&arma);
+        Ok(ArimaRun { log_likelihood, residuals, fitted, state })
+    }
+}
+
+impl ArimaState {
+    /// The model.
+    pub fn model(&self) -> &Arima {
+        &self.model
+    }
+
+    /// Drops the covariance once it equals `R R'` with known levels to rounding.
+    fn settle(&mut self, arma: &Arma) {
+        let s = self.state.len();
+        if let Some(p) = &self.covariance {
+            let settled = (0..s * s).all(|i| {
+                let (a, b) = (i / s, i % s);
+                let target = if a < arma.r && b < arma.r { arma.theta[a] * arma.theta[b] } else { 0.0 };
+                (p[i] - target).abs() <= 1e-14
+            });
+            if settled {
+                self.covariance = None;
+            }
+        }
+    }
+
+    fn settled_covariance(&self, arma: &Arma) -> Vec<f64> {
+        let s = self.state.len();
+        (0..s * s)
+            .map(|i| {
+                let (a, b) = (i / s, i % s);
+                if a < arma.r && b < arma.r { arma.theta[a] * arma.theta[b] } else { 0.0 }
+            })
+            .collect()
+    }
+
+    /// Takes the next value (NaN: missing, then `None` comes back).
+    ///
+    /// Costs O(p + q + d) once the filter has settled, O((p + q + d)^2) before and after a gap.
+    ///
+    /// # Errors
+    /// An infinite value or one beyond 1e140; the state is then unchanged.
+    pub fn append(&mut self, y: f64) -> Result<Option<Innovation>> {
+        check_series(&[y])?;
+        let parts = &self.model.parts;
+        let (d, mean, variance) = (parts.difference, parts.mean, parts.variance);
+        let arma = self.model.arma();
+        let predicted = dense::observe(&arma, &self.state) + mean;
+        let v = y - predicted;
+        let mut next = vec![0.0; self.state.len()];
+        dense::advance(&arma, d, &self.state, mean, &mut next);
+        let observed = !y.is_nan();
+        if self.covariance.is_none() && !observed {
+            self.covariance = Some(self.settled_covariance(&arma));
+        }
+        let f = if let Some(p) = &mut self.covariance {
+            let (gain, f) = dense::step_covariance(&arma, d, p, observed);
+            if observed {
+                for (n, k) in next.iter_mut().zip(&gain) {
+                    *n += k * v;
+                }
+            }
+            f
+        } else {
+            // Settled gain: phi_i + theta_i for the ARMA state, one for the levels.
+            for i in 0..arma.r {
+                next[i] += (arma.phi[i] + arma.theta[i + 1]) * v;
+            }
+            for n in &mut next[arma.r..] {
+                *n += v;
+            }
+            1.0
+        };
+        self.state = next;
+        self.settle(&arma);
+        Ok(observed.then_some(Innovation { value: v, variance: f * variance }))
+    }
+
+    /// Means and variances of the next `steps` values.
+    pub fn forecast(&self, steps: usize) -> Vec<Forecast> {
+        let parts = &self.model.parts;
+        let arma = self.model.arma();
+        let mut state = self.state.clone();
+        let mut next = state.clone();
+        let mut p = self.covariance.clone().unwrap_or_else(|| self.settled_covariance(&arma));
+        (0..steps)
+            .map(|_| {
+                let mean = dense::observe(&arma, &state) + parts.mean;
+                let (_, f) = dense::step_covariance(&arma, parts.difference, &mut p, false);
+                dense::advance(&arma, parts.difference, &state, parts.mean, &mut next);
+                std::mem::swap(&mut state, &mut next);
+                Forecast { mean, variance: f * parts.variance }
+            })
+            .collect()
+    }
+}
