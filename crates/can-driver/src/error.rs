@@ -1,7 +1,5 @@
 //! What can go wrong outside a control tick.
 
-use std::time::Duration;
-
 use crate::dbc::DbcError;
 
 /// Errors of this crate. A tick of a session never returns one: it reports states and causes.
@@ -83,13 +81,5 @@ pub enum Error {
     Down {
         /// Name of the interface.
         interface: String,
-    },
-    /// Time that runs backwards in a virtual bus.
-    #[error("virtual time: {to:?} is before {now:?}")]
-    TimeBackwards {
-        /// The bus's time.
-        now: Duration,
-        /// The time asked for.
-        to: Duration,
     },
 }

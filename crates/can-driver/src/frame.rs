@@ -200,7 +200,7 @@ impl<T: fmt::Debug, const N: usize> fmt::Debug for FixedList<T, N> {
     }
 }
 
-/// The frames that one tick of a session sends; no tick sends more than 12.
+/// The frames that one tick of a session sends: at most 4 of the host, at most 11 of the controller.
 pub type FrameList = FixedList<Frame, 12>;
 /// One value per joint.
 pub type PerJoint<T> = FixedList<T, { crate::MAX_JOINTS }>;

@@ -7,8 +7,8 @@ mod common;
 
 use std::time::Duration;
 
-use can_driver::{Command, ControllerState, Drive, Event, HostState, StopCause};
-use common::{LIMITS, Rig};
+use can_driver::{Command, ControllerState, Drive, Event, HostParams, HostState, JointLimits, JointState, StopCause};
+use common::{LIMITS, Rig, TICK};
 
 const MS: Duration = Duration::from_millis(1);
 
@@ -67,7 +67,7 @@ fn a_dead_host_means_rest_within_ramp_time_and_braking_distance() {
         }
     }
     let allowed = 25.0e-3 + speed_rad_s / LIMITS.acceleration_rad_s2 + 5.0e-3;
-    let took = (rest_at.unwrap() - dead_at).as_secs_f64();
+    let took = rest_at.unwrap().as_secs_f64() - dead_at.as_secs_f64();
     assert!(took <= allowed, "{took} s, allowed {allowed} s");
     let out = rig.controller_out.as_ref().unwrap();
     assert_eq!(
@@ -112,7 +112,7 @@ fn one_lost_set_leaves_the_controller_active_and_four_are_bridged() {
         let begin = rig.now;
         let start = rig.commanded();
         while rig.now < begin + 300 * MS {
-            let since = rig.now - begin;
+            let since = rig.now.saturating_sub(begin);
             let wanted: Vec<f64> = start.iter().map(|q| q + 0.3 * since.as_secs_f64()).collect();
             let gone = since < 5 * MS * lost;
             rig.step(Command::Follow { position_rad: &wanted, speed_scale: 1.0 }, &mut |rx: &mut Vec<Event>| {
@@ -124,6 +124,184 @@ fn one_lost_set_leaves_the_controller_active_and_four_are_bridged() {
         }
         assert_eq!((rig.host_state(), rig.controller_state()), (HostState::Active, ControllerState::Active));
         assert_eq!(rig.controller.counts().lost, u64::from(lost));
+    }
+}
+
+#[test]
+fn a_new_session_of_a_restarted_host_latches_a_moving_arm() {
+    for dead_for in [0, 10, 40, 90, 200] {
+        let mut rig = Rig::new(6);
+        rig.activate();
+        rig.swing(500 * MS, 0.3, 2.0);
+        rig.host_alive = false;
+        rig.run(dead_for * MS, Command::Standby);
+        rig.replace_host();
+        let far: Vec<f64> = rig.positions().iter().map(|q| q + 0.5).collect();
+        rig.run(1500 * MS, Command::Follow { position_rad: &far, speed_scale: 1.0 });
+        assert_eq!(rig.controller_state(), ControllerState::Latched, "dead for {dead_for} ms");
+        assert_eq!(rig.host_state(), HostState::Stopped);
+        let cause = rig.controller_out.as_ref().unwrap().cause.unwrap();
+        assert!(matches!(cause, StopCause::HostRestarted | StopCause::HostSilent), "{cause}");
+        let rest = rig.positions();
+        rig.run(2000 * MS, Command::Follow { position_rad: &far, speed_scale: 1.0 });
+        assert_eq!(rest, rig.positions());
+        // The operator's reset makes the new session good.
+        rig.host.reset().unwrap();
+        rig.activate();
+    }
+}
+
+#[test]
+fn limits_wider_than_the_controllers_own_are_refused() {
+    let wide = JointLimits { velocity_rad_s: 1.5, ..LIMITS };
+    let mut rig = Rig::with(HostParams::standard(0, vec![wide; 6], common::CYCLE), 6);
+    rig.run(1000 * MS, Command::Standby);
+    assert_eq!(rig.host_out.as_ref().unwrap().cause, Some(StopCause::LimitsMismatch));
+    assert_ne!(rig.controller_state(), ControllerState::Ready);
+}
+
+#[test]
+fn a_host_with_fewer_joints_than_the_controller_never_gets_ready() {
+    let mut rig = Rig::with(HostParams::standard(0, vec![LIMITS; 5], common::CYCLE), 6);
+    rig.run(4000 * MS, Command::Standby);
+    assert!(rig.host_out.as_ref().unwrap().cause.is_some());
+    assert_eq!(rig.controller_state(), ControllerState::Latched);
+}
+
+#[test]
+fn another_robots_frames_are_damaged_frames() {
+    let mut params = HostParams::standard(1, vec![LIMITS; 6], common::CYCLE);
+    params.robot = 1;
+    let mut rig = Rig::with(params, 6);
+    rig.run(500 * MS, Command::Standby);
+    assert_eq!(rig.host_state(), HostState::Searching);
+    assert!(rig.host.link().corrupt_frames > 100);
+}
+
+#[test]
+fn a_measured_angle_that_is_not_a_number_stops_the_arm() {
+    for bad in [f64::NAN, f64::INFINITY, 7.0] {
+        let mut rig = Rig::new(6);
+        rig.activate();
+        rig.joints[2].position_rad = bad;
+        rig.run(20 * MS, Command::Standby);
+        let cause = rig.controller_out.as_ref().unwrap().cause;
+        assert_eq!((rig.controller_state(), cause), (ControllerState::Latched, Some(StopCause::MeasurementInvalid)));
+    }
+}
+
+#[test]
+fn a_command_that_is_not_a_number_never_reaches_the_wire() {
+    for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, -f64::NAN] {
+        let mut rig = Rig::new(6);
+        rig.activate();
+        let mut command = rig.positions();
+        command[3] = bad;
+        rig.run(10 * MS, Command::Follow { position_rad: &command, speed_scale: 1.0 });
+        assert_eq!(rig.host_out.as_ref().unwrap().cause, Some(StopCause::CommandInvalid));
+    }
+    let mut rig = Rig::new(6);
+    rig.activate();
+    rig.run(10 * MS, Command::Follow { position_rad: &[0.25; 5], speed_scale: 1.0 });
+    assert_eq!(rig.host_out.as_ref().unwrap().cause, Some(StopCause::CommandInvalid));
+}
+
+#[test]
+fn an_arm_that_does_not_follow_is_stopped_where_it_is() {
+    let mut rig = Rig::new(6);
+    rig.activate();
+    rig.swing(300 * MS, 0.3, 2.0);
+    let stuck_rad = rig.joints[1].position_rad;
+    let begin = rig.now;
+    let start = rig.commanded();
+    while rig.now < begin + 800 * MS {
+        let t = rig.now.saturating_sub(begin).as_secs_f64();
+        let wanted: Vec<f64> = start.iter().map(|q| q + 0.4 * t).collect();
+        rig.step(Command::Follow { position_rad: &wanted, speed_scale: 1.0 }, &mut |_| {});
+        rig.joints[1] = JointState { position_rad: stuck_rad, velocity_rad_s: 0.0 };
+    }
+    let out = rig.controller_out.as_ref().unwrap();
+    assert_eq!((out.state, out.cause), (ControllerState::Latched, Some(StopCause::TrackingError)));
+    assert!((out.setpoints[1].position_rad - stuck_rad).abs() < 1e-9, "{:?}", out.setpoints[1]);
+}
+
+#[test]
+fn a_tick_that_comes_too_late_stops_either_side() {
+    let mut rig = Rig::new(6);
+    rig.activate();
+    rig.now += 150 * MS;
+    rig.step(Command::Standby, &mut |_| {});
+    assert_eq!(rig.controller_out.as_ref().unwrap().cause, Some(StopCause::ControllerStalled));
+    let mut rig = Rig::new(6);
+    rig.activate();
+    rig.now += 150 * MS - TICK;
+    rig.controller_alive = false;
+    let here = rig.positions();
+    rig.run(5 * MS, Command::Follow { position_rad: &here, speed_scale: 1.0 });
+    assert_eq!(rig.host_out.as_ref().unwrap().cause, Some(StopCause::HostStalled));
+}
+
+#[test]
+fn a_silent_controller_stops_the_host_within_25_ms_and_two_cycles() {
+    let mut rig = Rig::new(6);
+    rig.activate();
+    rig.controller_alive = false;
+    let died = rig.now;
+    let here = rig.positions();
+    while rig.host_state() != HostState::Stopped {
+        rig.step(Command::Follow { position_rad: &here, speed_scale: 1.0 }, &mut |_| {});
+        assert!(rig.now < died + 40 * MS);
+    }
+    assert_eq!(rig.host_out.as_ref().unwrap().cause, Some(StopCause::ControllerSilent));
+}
+
+#[test]
+fn a_second_host_on_the_bus_is_noticed() {
+    let mut rig = Rig::new(6);
+    rig.activate();
+    let protocol = can_driver::Protocol::new(0).unwrap();
+    let message = can_driver::Message::Commit(can_driver::Commit::default());
+    rig.inject_to_host(protocol.encode(&can_driver::Counted { message, counter: 9 }));
+    let here = rig.positions();
+    rig.run(10 * MS, Command::Follow { position_rad: &here, speed_scale: 1.0 });
+    assert_eq!(rig.host_out.as_ref().unwrap().cause, Some(StopCause::SecondHost));
+}
+
+#[test]
+fn either_copy_of_a_stop_is_enough() {
+    let protocol = can_driver::Protocol::new(0).unwrap();
+    for inverted in [false, true] {
+        let mut rig = Rig::new(6);
+        rig.activate();
+        let message = can_driver::Message::Stop {
+            direction: can_driver::Direction::ToController,
+            inverted,
+            cause: Some(StopCause::Application(200)),
+            joint: 0,
+        };
+        let stop = protocol.encode(&can_driver::Counted { message, counter: 0 });
+        let now = rig.now;
+        rig.step(Command::Standby, &mut |rx| rx.push(Event::frame(now, stop)));
+        assert_eq!(rig.controller_out.as_ref().unwrap().cause, Some(StopCause::Application(200)));
+    }
+}
+
+#[test]
+fn a_stop_is_sent_twice_the_second_time_inverted() {
+    let mut rig = Rig::new(6);
+    rig.activate();
+    let mut sent = Vec::new();
+    for _ in 0..20 {
+        rig.step(Command::Stop(StopCause::OperatorStop), &mut |rx| {
+            sent.extend(rx.iter().filter_map(|e| match e {
+                Event::Frame(s) if s.frame.id().raw() < 0x100 => Some(s.frame),
+                _ => None,
+            }));
+        });
+    }
+    assert_eq!(sent.iter().map(|f| f.id().raw()).collect::<Vec<_>>(), [0x080, 0x081]);
+    for (plain, inverted) in sent[0].data().iter().zip(sent[1].data()) {
+        assert_eq!(plain ^ inverted, 0xFF);
     }
 }
 

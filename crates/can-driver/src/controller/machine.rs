@@ -78,8 +78,17 @@ pub struct ControllerOutput {
     pub state: ControllerState,
     /// Why the arm is stopped or is not enabled.
     pub cause: Option<StopCause>,
-    /// Age of the set that began to act in this tick.
-    pub acted: Option<Duration>,
+    /// The newest set that began to act in this tick.
+    pub acted: Option<ActedSet>,
+}
+
+/// A set whose setpoints act.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ActedSet {
+    /// Its counter.
+    pub counter: u8,
+    /// Its age on arrival, beyond the shortest transport time.
+    pub age: Duration,
 }
 
 /// The last set that acted or kept the link alive.
@@ -226,7 +235,7 @@ impl Controller {
                     Ok(Some(counted)) => {
                         report |= matches!(counted.message, Message::Commit(_));
                         let age = self.receive(stamped.at.min(now), counted, measured, &mut tx);
-                        acted = age.or(acted);
+                        acted = age.map(|age| ActedSet { counter: counted.counter, age }).or(acted);
                     }
                     Ok(None) => {}
                     Err(_) => {
@@ -248,7 +257,8 @@ impl Controller {
             self.state = ControllerState::Ready;
         }
         self.send_stop(now, &mut tx);
-        if report || self.last_report.is_none_or(|last| now.saturating_sub(last) >= self.params.report_period) {
+        let unasked_after = self.params.report_period.max(self.cycle * 3 / 2);
+        if report || self.last_report.is_none_or(|last| now.saturating_sub(last) >= unasked_after) {
             self.last_report = Some(now);
             self.report(now, measured, &mut tx);
         }
@@ -403,12 +413,10 @@ impl Controller {
             self.refusal = None;
         }
         match self.state {
-            ControllerState::Latched if reset_edge && !commit.enable && !commit.quick_stop => {
-                if self.generator.at_rest() && self.measured_ok {
-                    self.cause = None;
-                    self.forget_limits();
-                    self.state = ControllerState::Unconfigured;
-                }
+            ControllerState::Latched if reset_edge && !commit.enable && !commit.quick_stop && self.may_reset() => {
+                self.cause = None;
+                self.forget_limits();
+                self.state = ControllerState::Unconfigured;
             }
             ControllerState::Unconfigured if commit.enable => self.refusal = Some(StopCause::LimitsNotSealed),
             ControllerState::Ready if acting && self.enable_was_low => {
@@ -426,6 +434,10 @@ impl Controller {
             }
             _ => {}
         }
+    }
+
+    fn may_reset(&self) -> bool {
+        self.generator.at_rest() && self.measured_ok
     }
 
     /// Counts good first sets; the third makes the arm active.

@@ -16,6 +16,6 @@ mod motion;
 mod params;
 
 pub(crate) use machine::STOP_COPY_AFTER;
-pub use machine::{Controller, ControllerOutput, Drive, JointState, SetCounts};
+pub use machine::{ActedSet, Controller, ControllerOutput, Drive, JointState, SetCounts};
 pub use motion::Setpoint;
 pub use params::ControllerParams;

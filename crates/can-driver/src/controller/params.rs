@@ -18,7 +18,8 @@ pub struct ControllerParams {
     pub latch_after: Duration,
     /// Age from which a set is refused.
     pub stale_after: Duration,
-    /// How often the controller reports when no COMMIT asks for it.
+    /// How often the controller reports when no COMMIT asks for it; at least one and a half of the
+    /// host's cycles.
     pub report_period: Duration,
     /// Distance of setpoint and measured angle that counts as a tracking error,
     pub tracking_limit_rad: f64,

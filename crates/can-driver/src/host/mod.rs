@@ -5,14 +5,18 @@
 //!
 //! | state | what is sent | leaves to |
 //! |---|---|---|
-//! | Searching | idle sets | Configuring when STATUS arrives |
-//! | Configuring | idle sets and CONFIG: session, limits, seal; each is read back | Ready; Stopped if the controller is latched or stores something else |
+//! | Searching | nothing | Configuring when STATUS arrives |
+//! | Configuring | CONFIG: session, limits, seal; each is read back. Idle sets once the session has begun | Ready; Stopped if the controller is latched or stores something else |
 //! | Ready | idle sets | Enabling when the application wants to follow |
 //! | Enabling | sets that equal the measured angles | Active when the controller follows |
 //! | Active | the application's setpoints | Disabling, Stopped |
 //! | Disabling | the last setpoints without enable | Ready when the arm is braked |
 //! | Stopped | STOP twice, then idle sets with quick stop | Resetting by [`HostSession::reset`] alone |
 //! | Resetting | idle sets with reset edges | Searching |
+//!
+//! A new session says nothing before its BEGIN: a controller that is still enabled by an earlier
+//! session, whose process died, answers BEGIN with a latched stop, and no set of the new session
+//! can be taken for one of the old.
 
 mod link;
 mod params;

@@ -19,6 +19,8 @@ const CONFIG_RETRY: Duration = Duration::from_millis(20);
 const RESET_HALF_PERIOD: u32 = 8;
 /// Sets without an echo that are allowed.
 const UNECHOED_SETS: u32 = 3;
+/// Sets without an echo after which the controller has dropped the session.
+const DEAF_SETS: u32 = 40;
 /// Round trips in a row that may exceed the limit.
 const SLOW_TRIPS: u8 = 5;
 /// Cycles in a row that the bus may refuse.
@@ -108,8 +110,7 @@ struct Pending {
 /// let limits = JointLimits { min_rad: -2.0, max_rad: 2.0, velocity_rad_s: 1.0, acceleration_rad_s2: 4.0 };
 /// let mut host = HostSession::new(HostParams::standard(0, vec![limits; 6], Duration::from_millis(5)))?;
 /// let out = host.tick(Duration::ZERO, &[], Command::Standby);
-/// assert_eq!(out.state, HostState::Searching);
-/// assert_eq!(out.tx.len(), 4); // three SET and COMMIT, idle
+/// assert_eq!((out.state, out.tx.len()), (HostState::Searching, 0));
 /// # Ok::<(), can_driver::Error>(())
 /// ```
 #[derive(Clone, Debug)]
@@ -130,6 +131,8 @@ pub struct HostSession {
     link: Link,
     pending: Pending,
     config_counter: u8,
+    /// The controller has acknowledged this session.
+    begun: bool,
     commanded: [Angle; MAX_JOINTS],
     stop_pending: bool,
     stop_copy: Option<(Duration, Frame)>,
@@ -162,6 +165,7 @@ impl HostSession {
             link: Link::new(),
             pending: Pending { step: 0, sent_at: None },
             config_counter: 0,
+            begun: false,
             commanded: [Angle::NO_VALUE; MAX_JOINTS],
             stop_pending: false,
             stop_copy: None,
@@ -236,8 +240,11 @@ impl HostSession {
 
         let mut tx = FrameList::new();
         self.send_stop(now, &mut tx);
-        self.send_set(now, cycles, &mut tx);
         self.send_config(now, &mut tx);
+        // Never more than the four frames of a set in one cycle: the bus may queue no more.
+        if self.begun && tx.is_empty() {
+            self.send_set(now, cycles, &mut tx);
+        }
         self.cycles_in_state = self.cycles_in_state.saturating_add(1);
         let mut commanded_rad = PerJoint::new();
         if self.commanded[..self.joints()].iter().all(|a| a.rad().is_some()) {
@@ -264,6 +271,12 @@ impl HostSession {
     }
 
     fn enter(&mut self, state: HostState) {
+        if state == HostState::Searching {
+            self.begun = false;
+        }
+        if state == HostState::Resetting {
+            self.link.since_echo = 0;
+        }
         self.state = state;
         self.since = None;
         self.cycles_in_state = 0;
@@ -285,6 +298,12 @@ impl HostSession {
             Message::Status(status) => self.take_status(at, counted.counter, status),
             Message::Stop { direction: Direction::ToHost, cause, .. } if self.is_moving() => {
                 self.stop(cause.unwrap_or(StopCause::ControllerDisabled));
+            }
+            Message::Stop { direction: Direction::ToController, cause, .. } => {
+                self.stop(cause.unwrap_or(StopCause::OperatorStop));
+            }
+            Message::Set { .. } | Message::Commit(_) | Message::Config(_) if self.is_moving() => {
+                self.stop(StopCause::SecondHost);
             }
             Message::ConfigReply(stored) => self.take_reply(stored),
             _ => {}
@@ -345,9 +364,8 @@ impl HostSession {
         match self.state {
             HostState::Searching if fresh => self.enter(HostState::Configuring),
             HostState::Configuring => {
-                let begun = self.pending.step > 0;
                 let latched = controller.is_some_and(|s| s.state == ControllerState::Latched);
-                if begun && latched {
+                if self.begun && latched {
                     self.stop(controller.and_then(|s| s.cause).unwrap_or(StopCause::ControllerDisabled));
                 } else if self.pending.step > self.last_step() {
                     if controller.is_some_and(|s| s.state == ControllerState::Ready) {
@@ -386,7 +404,8 @@ impl HostSession {
             }
             HostState::Resetting => {
                 let latched = controller.is_some_and(|s| s.state == ControllerState::Latched);
-                if !fresh || (self.cycles_in_state >= 3 && !latched) {
+                let deaf = self.link.since_echo > DEAF_SETS;
+                if !fresh || !self.begun || deaf || (self.cycles_in_state >= 3 && !latched) {
                     self.enter(HostState::Searching);
                 } else if waited > self.params.configure_within {
                     self.stop(StopCause::ResetRefused);
@@ -530,10 +549,7 @@ impl HostSession {
         }
         if stored.value == written.value {
             self.pending = Pending { step: self.pending.step + 1, sent_at: None };
-            if written.key == KEY_BEGIN {
-                // The controller's session is new: so is its STATUS.
-                self.status = self.status.map(|(at, s)| (at, Status { cause: None, ..s }));
-            }
+            self.begun = true;
         } else {
             self.stop(StopCause::LimitsMismatch);
         }

@@ -79,6 +79,8 @@ causes! {
     RoundTripTooLong = 75, "round trip too long";
     /// The controller does not leave its latched stop.
     ResetRefused = 76, "controller refused the reset";
+    /// Somebody else sends under the host's identifiers.
+    SecondHost = 77, "another sender uses the host's identifiers";
 }
 
 impl StopCause {

@@ -244,6 +244,17 @@ impl Protocol {
         }
     }
 
+    /// The identifiers that the protocol uses, for a filter.
+    pub const IDS: [Id; 15] = {
+        let mut ids = [Id::known(t::HEARTBEAT.id); 15];
+        let mut i = 0;
+        while i < SHAPES.len() {
+            ids[i] = Id::known(SHAPES[i].id);
+            i += 1;
+        }
+        ids
+    };
+
     fn data_id(self, shape: &Shape) -> u16 {
         let direction = match shape.direction {
             Direction::ToController => 0,

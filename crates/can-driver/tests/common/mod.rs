@@ -70,6 +70,18 @@ impl Rig {
         }
     }
 
+    /// A new process takes the place of the old host.
+    pub fn replace_host(&mut self) {
+        let joints = self.joints.len();
+        self.host = HostSession::new(HostParams::standard(0, vec![LIMITS; joints], CYCLE)).unwrap();
+        self.host_out = None;
+        self.host_alive = true;
+    }
+
+    pub fn inject_to_host(&mut self, frame: can_driver::Frame) {
+        self.to_host.push(Event::frame(self.now, frame));
+    }
+
     pub fn run(&mut self, time: Duration, command: Command<'_>) {
         let end = self.now + time;
         while self.now < end {
@@ -100,7 +112,7 @@ impl Rig {
         let begin = self.now;
         let start = self.commanded();
         while self.now < begin + time {
-            let t = (self.now + TICK - begin).as_secs_f64();
+            let t = (self.now + TICK).saturating_sub(begin).as_secs_f64();
             let offset = amplitude_rad * (1.0 - (rate_rad_s * t).cos());
             let wanted: Vec<f64> = start.iter().map(|q| q + offset).collect();
             self.step(Command::Follow { position_rad: &wanted, speed_scale: 1.0 }, &mut |_| {});

@@ -13,7 +13,9 @@
 //! offset plus shortest transport; what a set exceeds it by is the set's age. A set older than
 //! `stale_after` is dropped, so that frames that waited in a queue never act. The window of 10 s
 //! keeps the error by crystal drift (100 ppm) at 1 ms. A transport time that is long from the
-//! first set on cannot be seen here; the host sees it as round trip.
+//! first set on cannot be seen here; the host sees it as round trip. The host time wraps after
+//! 6.55 s: when nothing fresh has come for 3 s, ages are no longer certain, and everything is
+//! refused until the host begins a new session.
 
 use std::time::Duration;
 
@@ -25,6 +27,8 @@ pub(crate) const SYNC_SETS: u8 = 3;
 pub(crate) const MAX_STEP: u8 = 5;
 const HOST_TICK_NS: i64 = 100_000;
 const HOST_WRAP_NS: i64 = HOST_TICK_NS << 16;
+/// Time without a fresh set after which ages are no longer certain: below half of the wrap.
+const EXPIRES_AFTER: Duration = Duration::from_secs(3);
 const BUCKETS: usize = 10;
 const BUCKET_NS: i64 = 1_000_000_000;
 
@@ -98,6 +102,7 @@ pub(crate) struct Receiver {
     last: Option<Accepted>,
     /// Last set that was good but out of sequence, and how many such stand in a row.
     candidate: Option<(u8, u8)>,
+    fresh_at: Option<Duration>,
 }
 
 impl Receiver {
@@ -108,6 +113,7 @@ impl Receiver {
             offsets: OffsetWindow::new(),
             last: None,
             candidate: None,
+            fresh_at: None,
         }
     }
 
@@ -116,10 +122,15 @@ impl Receiver {
         self.offsets = OffsetWindow::new();
         self.last = None;
         self.candidate = None;
+        self.fresh_at = None;
     }
 
     pub(crate) fn judge(&mut self, at: Duration, counter: u8, host_time: u16) -> Judgement {
+        if self.fresh_at.is_some_and(|fresh| at.saturating_sub(fresh) > EXPIRES_AFTER) {
+            return Judgement::Stale;
+        }
         let Some(age) = self.age(at, host_time) else { return Judgement::Stale };
+        self.fresh_at = Some(at);
         if self.last.is_some_and(|last| at.saturating_sub(last.at) > self.resync_after) {
             self.last = None;
             self.candidate = None;
@@ -207,3 +218,6 @@ impl Assembler {
         Some(angles)
     }
 }
+
+#[cfg(test)]
+mod tests;
