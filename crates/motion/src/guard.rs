@@ -137,3 +137,72 @@ pub(crate) fn viable(x: State, walls: &Walls) -> bool {
     let (low, high) = Brake::of(x, walls.acceleration, walls.jerk).extent(x);
     low >= walls.lower && high <= walls.upper
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const WALLS: Walls = Walls { lower: -1.0, upper: 1.0, velocity: 2.0, acceleration: 10.0, jerk: 200.0 };
+
+    /// Also between the commands the motion stays inside: it is sampled from the pieces.
+    fn stays_inside(start: State, pieces: &[(f64, f64)]) -> bool {
+        let mut x = start;
+        for &(span, jerk) in pieces {
+            for k in 0..=200 {
+                let at = x.after(jerk, span * f64::from(k) / 200.0);
+                if at.position_rad.abs() > 1.0 + 1e-9
+                    || at.velocity_rad_s.abs() > 2.0 + 1e-9
+                    || at.acceleration_rad_s2.abs() > 10.0 + 1e-9
+                {
+                    return false;
+                }
+            }
+            x = x.after(jerk, span);
+        }
+        true
+    }
+
+    proptest! {
+        #[test]
+        fn pieces_that_pass_stay_inside_all_the_way(
+            p in -1.0..1.0_f64,
+            v in -2.0..2.0_f64,
+            a in -10.0..10.0_f64,
+            pieces in prop::collection::vec((0.0..0.1_f64, -200.0..200.0_f64), 1..4),
+        ) {
+            let start = State { position_rad: p, velocity_rad_s: v, acceleration_rad_s2: a };
+            prop_assume!(viable(start, &WALLS));
+            if walk(start, &pieces, &WALLS).is_some() {
+                prop_assert!(stays_inside(start, &pieces));
+            }
+        }
+
+        /// Judge: a brake simulated in small pieces from every state that the guard hands out.
+        #[test]
+        fn every_step_ends_where_a_stop_inside_the_limits_is_left(
+            p in -1.0..1.0_f64,
+            v in -2.0..2.0_f64,
+            a in -10.0..10.0_f64,
+            wanted in prop_oneof![Just(200.0), Just(-200.0), -1e4..1e4_f64],
+            span_s in prop_oneof![1e-5..1e-3_f64, 1e-3..0.2_f64],
+        ) {
+            let start = State { position_rad: p, velocity_rad_s: v, acceleration_rad_s2: a };
+            prop_assume!(viable(start, &WALLS));
+            let (end, verdict) = step(start, wanted, span_s, &WALLS);
+            prop_assert!(verdict != Verdict::Recovering);
+            prop_assert!((end.acceleration_rad_s2 - a).abs() <= 200.0 * span_s + 1e-9);
+            let brake = Brake::of(end, WALLS.acceleration, WALLS.jerk);
+            let pieces: Vec<_> = brake.span_s.into_iter().zip(brake.jerk).collect();
+            prop_assert!(stays_inside(end, &pieces), "{end:?}");
+        }
+    }
+
+    /// At full speed away from any wall the guard takes nothing away.
+    #[test]
+    fn far_from_all_limits_the_wanted_jerk_is_taken_as_it_is() {
+        let start = State::at_rest(0.0);
+        assert_eq!(step(start, 50.0, 0.005, &WALLS), (start.after(50.0, 0.005), Verdict::Free));
+    }
+}

@@ -119,16 +119,15 @@ pub(crate) struct Wanted {
     pub(crate) rate_of_rate: f64,
 }
 
-/// Stage one: the wanted velocity relative to the reference. `share` in (0, 1] slows the
-/// approach (synchronisation).
-pub(crate) fn relative_velocity(approach: &Approach, e: &Errors, v_reference: f64, share: f64) -> Wanted {
+/// Stage one: the wanted velocity relative to the reference.
+pub(crate) fn relative_velocity(approach: &Approach, e: &Errors, v_reference: f64) -> Wanted {
     let sign = e.position.signum();
     let receding = (sign * v_reference).max(0.0);
     let [speed, slope, bend] = approach.chasing_speed(e.position.abs(), receding);
     Wanted {
-        value: share * sign * speed,
-        rate: share * slope * e.velocity,
-        rate_of_rate: share * (sign * bend * e.velocity * e.velocity + slope * e.acceleration),
+        value: sign * speed,
+        rate: slope * e.velocity,
+        rate_of_rate: sign * bend * e.velocity * e.velocity + slope * e.acceleration,
     }
 }
 

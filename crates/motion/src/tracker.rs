@@ -293,40 +293,48 @@ impl Tracker {
 
     fn want_separately(&mut self) {
         for i in 0..self.joints.len() {
-            let (joint, x, r) = (&self.joints[i], &self.states[i], &self.reference_states[i]);
-            let limit = self.speed_limit(&joint.walls);
-            let e = errors(r, x);
-            let relative = law::relative_velocity(&joint.approach, &e, r.velocity_rad_s, 1.0);
-            let velocity = law::velocity(&relative, r.velocity_rad_s, r.acceleration_rad_s2);
-            let (v, a) = (x.velocity_rad_s, x.acceleration_rad_s2);
-            let pull = law::acceleration(&joint.approach, &velocity, limit, v, a);
-            self.wanted[i].value = law::jerk(self.bandwidth, &pull, a, joint.walls.acceleration);
+            let pull = self.wanted_acceleration(i);
+            let a = self.states[i].acceleration_rad_s2;
+            self.wanted[i].value = law::jerk(self.bandwidth, &pull, a, self.joints[i].walls.acceleration);
         }
     }
 
-    /// As `want_separately`, with every saturation applied to all joints in proportion.
+    /// Stages one and two of the law for one joint.
+    fn wanted_acceleration(&self, i: usize) -> Wanted {
+        let (joint, x, r) = (&self.joints[i], &self.states[i], &self.reference_states[i]);
+        let relative = law::relative_velocity(&joint.approach, &errors(r, x), r.velocity_rad_s);
+        let velocity = law::velocity(&relative, r.velocity_rad_s, r.acceleration_rad_s2);
+        let limit = self.speed_limit(&joint.walls);
+        law::acceleration(&joint.approach, &velocity, limit, x.velocity_rad_s, x.acceleration_rad_s2)
+    }
+
+    /// As `want_separately`, but the joint that needs longest leads and the others take its
+    /// motion in proportion to their errors, on the straight line to the reference. Every
+    /// saturation is applied to all joints in proportion. Small errors need no leader: there the
+    /// law is linear and the same for all joints.
     fn want_together(&mut self) {
-        let mut pace = self.bandwidth;
-        for ((joint, x), r) in self.joints.iter().zip(&self.states).zip(&self.reference_states) {
-            let distance = (r.position_rad - x.position_rad).abs();
-            if distance > 0.0 {
-                let speed = joint.approach.speed(distance)[0].min(self.speed_limit(&joint.walls));
-                pace = pace.min(speed / distance);
-            }
-        }
+        let Some(lead) = self.slowest() else {
+            self.want_separately();
+            return;
+        };
+        let (r, x) = (self.reference_states[lead], self.states[lead]);
+        let to_lead = errors(&r, &x);
+        let leading = self.wanted_acceleration(lead);
         let mut room = 1.0_f64;
         for i in 0..self.joints.len() {
-            let (joint, x, r) = (&self.joints[i], &self.states[i], &self.reference_states[i]);
-            let limit = self.speed_limit(&joint.walls);
-            let e = errors(r, x);
-            let own = joint.approach.speed(e.position.abs())[0];
-            let share = if own > 0.0 { (pace * e.position.abs() / own).min(1.0) } else { pace / self.bandwidth };
-            let relative = law::relative_velocity(&joint.approach, &e, r.velocity_rad_s, share);
-            let velocity = law::velocity(&relative, r.velocity_rad_s, r.acceleration_rad_s2);
-            let (v, a) = (x.velocity_rad_s, x.acceleration_rad_s2);
-            let pull = law::acceleration(&joint.approach, &velocity, limit, v, a);
-            room = room.min(joint.walls.acceleration / pull.value.abs());
-            self.wanted[i] = pull;
+            let (joint, r) = (&self.joints[i], &self.reference_states[i]);
+            let e = errors(r, &self.states[i]);
+            let part = e.position / to_lead.position;
+            // What the joint moves across the line is braked with the law's bandwidth.
+            let across = 2.0 * self.bandwidth;
+            let own = r.acceleration_rad_s2 - part * self.reference_states[lead].acceleration_rad_s2;
+            let wanted = Wanted {
+                value: part * leading.value + own + across * (e.velocity - part * to_lead.velocity),
+                rate: part * leading.rate + across * (e.acceleration - part * to_lead.acceleration),
+                rate_of_rate: 0.0,
+            };
+            room = room.min(joint.walls.acceleration / wanted.value.abs());
+            self.wanted[i] = wanted;
         }
         let mut share = 1.0_f64;
         for ((joint, x), wanted) in self.joints.iter().zip(&self.states).zip(&mut self.wanted) {
@@ -342,6 +350,23 @@ impl Tracker {
         for wanted in &mut self.wanted {
             wanted.value *= share;
         }
+    }
+
+    /// The joint whose approach is the slowest for its distance, unless all are in the linear
+    /// part of the law.
+    fn slowest(&self) -> Option<usize> {
+        let mut slowest = None;
+        let mut pace = self.bandwidth * (1.0 - 1e-9);
+        for (i, joint) in self.joints.iter().enumerate() {
+            let (r, x) = (&self.reference_states[i], &self.states[i]);
+            let e = errors(r, x);
+            let speed = law::relative_velocity(&joint.approach, &e, r.velocity_rad_s).value.abs();
+            let own = speed.min(self.speed_limit(&joint.walls)) / e.position.abs();
+            if own < pace {
+                (slowest, pace) = (Some(i), own);
+            }
+        }
+        slowest
     }
 
     fn move_guarded(&mut self, span_s: f64, report: &mut Report) {

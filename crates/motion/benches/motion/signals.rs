@@ -11,6 +11,8 @@ pub(crate) struct Signal {
     pub(crate) settled_s: f64,
     /// Lag has no meaning for a step.
     pub(crate) moving: bool,
+    /// Overshoot has a meaning.
+    pub(crate) ends_at_rest: bool,
 }
 
 enum Kind {
@@ -29,16 +31,38 @@ impl Signal {
             duration_s: 10.0,
             settled_s: 2.0,
             moving: true,
+            ends_at_rest: false,
         };
         vec![
-            Self { name: "step 0.5 rad", kind: Kind::Step, duration_s: 3.0, settled_s: 0.0, moving: false },
-            Self { name: "ramp 0.8 rad/s, then stop", kind: Kind::Ramp, duration_s: 4.0, settled_s: 0.0, moving: true },
+            Self {
+                name: "step 0.5 rad",
+                kind: Kind::Step,
+                duration_s: 3.0,
+                settled_s: 0.0,
+                moving: false,
+                ends_at_rest: true,
+            },
+            Self {
+                name: "ramp 0.8 rad/s, then stop",
+                kind: Kind::Ramp,
+                duration_s: 4.0,
+                settled_s: 0.0,
+                moving: true,
+                ends_at_rest: true,
+            },
             sine("sine 0.5 Hz", 0.5, 0.4),
             sine("sine 1 Hz", 1.0, 0.2),
             sine("sine 2 Hz", 2.0, 0.05),
             sine("sine 3 Hz", 3.0, 0.0225),
             sine("sine 2 Hz, 79 % of limit", 2.0, 0.1),
-            Self { name: "chirp 0.2-3 Hz", kind: Kind::Chirp, duration_s: 10.0, settled_s: 1.0, moving: true },
+            Self {
+                name: "chirp 0.2-3 Hz",
+                kind: Kind::Chirp,
+                duration_s: 10.0,
+                settled_s: 1.0,
+                moving: true,
+                ends_at_rest: false,
+            },
         ]
     }
 
@@ -67,6 +91,7 @@ impl Signal {
             duration_s,
             settled_s: 0.3,
             moving: true,
+            ends_at_rest: false,
         })
     }
 
