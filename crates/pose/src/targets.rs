@@ -1,0 +1,288 @@
+//! Training targets: part confidence maps, part affinity fields, the mask W, and label fusion.
+//!
+//! Confidence maps (Cao et al. 2017, eq. 6), with `x_j` the place of joint j and p the centre of a cell:
+//!
+//! ```text
+//! S_j(p) = max over people of exp(-|p - x_j|^2 / (2 sigma^2)),   background = 1 - max_j S_j
+//! ```
+//!
+//! Affinity fields (eqs. 8 to 10): the unit vector from a limb's first joint to its second for every p between the ends
+//! and within `half_width` of the line, averaged over the people there.
+//!
+//! The mask `W` (OGG eq. 1) is 0 where a label is missing, for each map and cell. [`JointState`] says what is known of a
+//! joint:
+//!
+//! - a hidden joint (its place is known, and nobody is asked to see it) is left out within `3 sigma` of where it is;
+//!   elsewhere the map must still be empty;
+//! - an unknown joint leaves its map out all over the person's box;
+//! - a joint outside the picture leaves nothing out;
+//! - a limb is labelled when both ends are; with a hidden end it is left out along its line, with an unknown end all over
+//!   the box, unless the other end is outside;
+//! - the background is left out near hidden joints, and in the box of a person with an unknown joint where it would be
+//!   above one half.
+//!
+//! Label fusion (OGG eq. 3): see [`TargetPlan::fuse`].
+//!
+//! Arrays are row-major. Joints are in picture coordinates (0 is the centre of the first pixel), maps are
+//! `(batch, channel, row, column)`. A batch is spread over the threads of rayon. Gaussians are cut off where they fall
+//! below 1e-7, which is what makes this fast; everything else is exact.
+
+use rayon::prelude::*;
+
+use crate::{Error, Result, Skeleton, card::Limb};
+
+mod draw;
+
+use draw::Sample;
+
+/// What is known of a joint of a person. The numbers are those of the arrays.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub enum JointState {
+    /// Nobody knows where it is, or whether it is in the picture.
+    Unknown = 0,
+    /// Its place is known, but the network is not asked for it.
+    Hidden = 1,
+    /// Not in the picture, or there is no such person.
+    Outside = 2,
+    /// Its place is known and is to be learnt, covered or not.
+    Labelled = 3,
+}
+
+/// Size and width of the targets.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TargetParams {
+    /// Order of the joints.
+    pub skeleton: Skeleton,
+    /// Limbs; `paf` of each says where its two channels go.
+    pub limbs: Vec<Limb>,
+    /// Width of the picture, px; a multiple of the stride.
+    pub width: usize,
+    /// Height of the picture, px; a multiple of the stride.
+    pub height: usize,
+    /// Pixels per cell.
+    pub stride: usize,
+    /// Width of the Gaussians, px.
+    pub sigma_px: f32,
+    /// Half the width of a limb, px.
+    pub half_width_px: f32,
+}
+
+impl TargetParams {
+    /// The published OpenPose widths for stride 8: sigma 7 px, limbs one cell to each side.
+    pub fn openpose(skeleton: Skeleton, limbs: Vec<Limb>, width: usize, height: usize) -> Self {
+        Self { skeleton, limbs, width, height, stride: 8, sigma_px: 7.0, half_width_px: 8.0 }
+    }
+
+    /// Checks everything and fixes the order of the channels.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] with the field.
+    pub fn validate(self) -> Result<TargetPlan> {
+        let bad = |field, expected, got: String| Err(Error::Parameter { field, expected, got });
+        if self.stride == 0 || self.width == 0 || self.width % self.stride != 0 {
+            return bad("width", "a multiple of the stride", self.width.to_string());
+        }
+        if self.height == 0 || self.height % self.stride != 0 {
+            return bad("height", "a multiple of the stride", self.height.to_string());
+        }
+        for (field, x) in [("sigma_px", self.sigma_px), ("half_width_px", self.half_width_px)] {
+            if !(x > 0.0 && x.is_finite()) {
+                return bad(field, "above 0 px", x.to_string());
+            }
+        }
+        if self.limbs.is_empty() {
+            return bad("limbs", "at least one", "none".to_owned());
+        }
+        let mut ends = vec![None; self.limbs.len()];
+        for limb in &self.limbs {
+            let (Some(from), Some(to)) = (self.skeleton.index_of(limb.from), self.skeleton.index_of(limb.to)) else {
+                return bad("limbs", "parts of the skeleton", format!("{} to {}", limb.from, limb.to));
+            };
+            let slot = limb.paf[0] / 2;
+            if limb.paf[0] % 2 != 0 || limb.paf[1] != limb.paf[0] + 1 || slot >= ends.len() || ends[slot].is_some() {
+                return bad("limbs.paf", "channels 2 l and 2 l + 1, each l once", format!("{:?}", limb.paf));
+            }
+            ends[slot] = Some([from, to]);
+        }
+        let ends = ends.into_iter().flatten().collect();
+        Ok(TargetPlan { params: self, ends })
+    }
+}
+
+/// The labels of a batch, borrowed.
+#[derive(Debug, Clone, Copy)]
+pub struct Labels<'a> {
+    /// Pictures.
+    pub batch: usize,
+    /// Slots for people in each picture.
+    pub people: usize,
+    /// `(batch, people, joints, 2)`: u and v, px. Not read where the state is unknown or outside.
+    pub joints_px: &'a [f32],
+    /// `(batch, people, joints)` of [`JointState`].
+    pub states: &'a [u8],
+    /// `(batch, people, 4)`: left, top, right, bottom, px.
+    pub boxes_px: &'a [f32],
+}
+
+/// Targets and masks of a batch, `(batch, channels, rows, columns)` each.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Maps {
+    /// Joints and background.
+    pub pcm: Vec<f32>,
+    /// Two channels for each limb.
+    pub paf: Vec<f32>,
+    /// 1 where `pcm` counts, else 0.
+    pub pcm_mask: Vec<f32>,
+    /// 1 where `paf` counts, else 0.
+    pub paf_mask: Vec<f32>,
+}
+
+/// Checked parameters; makes targets.
+///
+/// ```
+/// use pose::{Labels, Limb, Part, Skeleton, TargetParams};
+/// let limb = Limb { from: Part::RightElbow, to: Part::RightWrist, paf: [0, 1] };
+/// let plan = TargetParams::openpose(Skeleton::UpperLimb8, vec![limb], 64, 64).validate().unwrap();
+/// let mut joints_px = [0.0; 16];
+/// joints_px[6..10].copy_from_slice(&[11.5, 11.5, 43.5, 11.5]); // elbow and wrist on cell centres 1 and 5
+/// let mut states = [2; 8];
+/// states[3..5].fill(3);
+/// let maps = plan.encode(&Labels {
+///     batch: 1, people: 1, joints_px: &joints_px, states: &states, boxes_px: &[0.0, 0.0, 63.0, 63.0],
+/// }).unwrap();
+/// assert_eq!(maps.pcm[4 * 64 + 8 + 5], 1.0); // wrist map, row 1, column 5
+/// assert_eq!((maps.paf[8 + 3], maps.paf[64 + 8 + 3]), (1.0, 0.0)); // half way: pointing right
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct TargetPlan {
+    params: TargetParams,
+    /// From and to of each limb, in channel order.
+    ends: Vec<[usize; 2]>,
+}
+
+impl TargetPlan {
+    /// Rows and columns of a map.
+    pub fn map_size(&self) -> (usize, usize) {
+        (self.params.height / self.params.stride, self.params.width / self.params.stride)
+    }
+
+    /// Channels of the confidence maps, background included, and of the fields.
+    pub fn channels(&self) -> (usize, usize) {
+        (self.params.skeleton.len() + 1, self.ends.len() * 2)
+    }
+
+    /// Targets of a batch.
+    ///
+    /// # Errors
+    /// [`Error::Length`] when an array does not fit, [`Error::Parameter`] when a state is unknown or a labelled place is
+    /// not finite.
+    pub fn encode(&self, labels: &Labels<'_>) -> Result<Maps> {
+        let mut maps = Maps::default();
+        self.encode_into(labels, &mut maps)?;
+        Ok(maps)
+    }
+
+    /// As [`TargetPlan::encode`], into maps whose memory is used again.
+    ///
+    /// # Errors
+    /// As [`TargetPlan::encode`].
+    pub fn encode_into(&self, labels: &Labels<'_>, maps: &mut Maps) -> Result<()> {
+        let joints = self.params.skeleton.len();
+        check_length("joints_px", labels.batch * labels.people * joints * 2, labels.joints_px.len())?;
+        check_length("states", labels.batch * labels.people * joints, labels.states.len())?;
+        check_length("boxes_px", labels.batch * labels.people * 4, labels.boxes_px.len())?;
+        for (state, place) in labels.states.iter().zip(labels.joints_px.chunks_exact(2)) {
+            if *state > JointState::Labelled as u8 {
+                return Err(Error::Parameter { field: "states", expected: "0 to 3", got: state.to_string() });
+            }
+            let placed = *state == JointState::Labelled as u8 || *state == JointState::Hidden as u8;
+            if placed && !(place[0].is_finite() && place[1].is_finite()) {
+                return Err(Error::Parameter { field: "joints_px", expected: "finite", got: format!("{place:?}") });
+            }
+        }
+        let (rows, columns) = self.map_size();
+        let (pcm, paf) = self.channels();
+        let cells = rows * columns;
+        for (map, channels) in
+            [(&mut maps.pcm, pcm), (&mut maps.paf, paf), (&mut maps.pcm_mask, pcm), (&mut maps.paf_mask, paf)]
+        {
+            map.resize(labels.batch * channels * cells, 0.0);
+        }
+        if labels.batch == 0 {
+            return Ok(());
+        }
+        maps.pcm
+            .par_chunks_exact_mut(pcm * cells)
+            .zip(maps.pcm_mask.par_chunks_exact_mut(pcm * cells))
+            .zip(maps.paf.par_chunks_exact_mut(paf * cells))
+            .zip(maps.paf_mask.par_chunks_exact_mut(paf * cells))
+            .enumerate()
+            .for_each(|(i, (((pcm, pcm_mask), paf), paf_mask))| {
+                let n = labels.people * joints;
+                Sample {
+                    params: &self.params,
+                    ends: &self.ends,
+                    rows,
+                    columns,
+                    joints_px: &labels.joints_px[i * n * 2..(i + 1) * n * 2],
+                    states: &labels.states[i * n..(i + 1) * n],
+                    boxes_px: &labels.boxes_px[i * labels.people * 4..(i + 1) * labels.people * 4],
+                }
+                .draw(pcm, pcm_mask, paf, paf_mask);
+            });
+        Ok(())
+    }
+
+    /// Corrects labels by a teacher's maps, in place (OGG eq. 3; Kato et al. 2018):
+    ///
+    /// ```text
+    /// S_LC = max(S*, S_T)                                    per cell; S_T is cut to 0..1
+    /// L_LC = L* if |L*| > |L_T| else L_T                     per cell and limb
+    /// ```
+    ///
+    /// The background follows from the fused joints. A cell that W leaves out counts again where the teacher answers with
+    /// at least `floor`: otherwise W would hide exactly the covered joints that fusion restores.
+    ///
+    /// # Errors
+    /// [`Error::Length`] when the teacher's maps have another size, [`Error::Parameter`] when `floor` is not above 0.
+    pub fn fuse(&self, labels: &mut Maps, teacher_pcm: &[f32], teacher_paf: &[f32], floor: f32) -> Result<()> {
+        if !(floor > 0.0 && floor.is_finite()) {
+            return Err(Error::Parameter { field: "floor", expected: "above 0", got: floor.to_string() });
+        }
+        let (rows, columns) = self.map_size();
+        let (pcm, paf) = self.channels();
+        let cells = rows * columns;
+        let batch = labels.pcm.len() / (pcm * cells);
+        for (what, expected, got) in [
+            ("labels.pcm", batch * pcm * cells, labels.pcm.len()),
+            ("labels.pcm_mask", batch * pcm * cells, labels.pcm_mask.len()),
+            ("labels.paf", batch * paf * cells, labels.paf.len()),
+            ("labels.paf_mask", batch * paf * cells, labels.paf_mask.len()),
+            ("teacher_pcm", batch * pcm * cells, teacher_pcm.len()),
+            ("teacher_paf", batch * paf * cells, teacher_paf.len()),
+        ] {
+            check_length(what, expected, got)?;
+        }
+        labels
+            .pcm
+            .par_chunks_exact_mut(pcm * cells)
+            .zip(labels.pcm_mask.par_chunks_exact_mut(pcm * cells))
+            .zip(teacher_pcm.par_chunks_exact(pcm * cells))
+            .for_each(|((own, mask), teacher)| draw::fuse_parts(own, mask, teacher, cells, floor));
+        labels
+            .paf
+            .par_chunks_exact_mut(2 * cells)
+            .zip(labels.paf_mask.par_chunks_exact_mut(2 * cells))
+            .zip(teacher_paf.par_chunks_exact(2 * cells))
+            .for_each(|((own, mask), teacher)| draw::fuse_field(own, mask, teacher, cells, floor));
+        Ok(())
+    }
+}
+
+fn check_length(what: &'static str, expected: usize, got: usize) -> Result<()> {
+    if expected == got { Ok(()) } else { Err(Error::Length { what, expected, got }) }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,209 @@
+#![expect(clippy::unwrap_used, reason = "tests")]
+use proptest::prelude::*;
+
+use super::*;
+use crate::{Part, card::Model};
+
+fn plan(width: usize, height: usize) -> TargetPlan {
+    let limbs = Model::builtin_cards().into_iter().find_map(|c| c.openpose).unwrap().limbs;
+    TargetParams::openpose(Skeleton::OpenPose18, limbs, width, height).validate().unwrap()
+}
+
+/// The definitions again, cell by cell and in 64-bit floats, with nothing cut off.
+fn slow(plan: &TargetPlan, labels: &Labels<'_>, sample: usize) -> Maps {
+    let p = &plan.params;
+    let (rows, columns) = plan.map_size();
+    let joints = p.skeleton.len();
+    let n = joints * labels.people;
+    let place = |person: usize, j: usize| {
+        let i = (sample * n + person * joints + j) * 2;
+        (f64::from(labels.joints_px[i]), f64::from(labels.joints_px[i + 1]))
+    };
+    let state = |person: usize, j: usize| labels.states[sample * n + person * joints + j];
+    let in_box = |person: usize, x: f64, y: f64| {
+        let b: Vec<f64> =
+            labels.boxes_px[(sample * labels.people + person) * 4..][..4].iter().map(|v| f64::from(*v)).collect();
+        x >= b[0] && x <= b[2] && y >= b[1] && y <= b[3]
+    };
+    let gauss = |person: usize, j: usize, x: f64, y: f64| {
+        let (px, py) = place(person, j);
+        (-((x - px).powi(2) + (y - py).powi(2)) / (2.0 * f64::from(p.sigma_px).powi(2))).exp()
+    };
+    let mut maps = Maps::default();
+    let centres: Vec<(f64, f64)> = (0..rows * columns)
+        .map(|i| (((i % columns) as f64 + 0.5) * 8.0 - 0.5, ((i / columns) as f64 + 0.5) * 8.0 - 0.5))
+        .collect();
+    let people = 0..labels.people;
+    for j in 0..joints {
+        for &(x, y) in &centres {
+            let value = people.clone().filter(|q| state(*q, j) == 3).map(|q| gauss(q, j, x, y)).fold(0.0, f64::max);
+            let out = people.clone().any(|q| match state(q, j) {
+                1 => gauss(q, j, x, y) > (-4.5_f64).exp(),
+                0 => in_box(q, x, y),
+                _ => false,
+            });
+            maps.pcm.push(value as f32);
+            maps.pcm_mask.push(if out { 0.0 } else { 1.0 });
+        }
+    }
+    for (i, &(x, y)) in centres.iter().enumerate() {
+        let most = (0..joints).map(|j| maps.pcm[j * centres.len() + i]).fold(0.0, f32::max);
+        let out = people.clone().any(|q| {
+            (0..joints).any(|j| state(q, j) == 1 && gauss(q, j, x, y) > (-4.5_f64).exp())
+                || ((0..joints).any(|j| state(q, j) == 0) && in_box(q, x, y) && 1.0 - most > 0.5)
+        });
+        maps.pcm.push(1.0 - most);
+        maps.pcm_mask.push(if out { 0.0 } else { 1.0 });
+    }
+    for &[a, b] in &plan.ends {
+        for axis in 0..2 {
+            for &(x, y) in &centres {
+                let (mut sum, mut count, mut out) = (0.0, 0, false);
+                for q in people.clone() {
+                    let ((ax, ay), (bx, by)) = (place(q, a), place(q, b));
+                    let length = (bx - ax).hypot(by - ay);
+                    let unit = ((bx - ax) / length.max(1e-3), (by - ay) / length.max(1e-3));
+                    let forward = (x - ax) * unit.0 + (y - ay) * unit.1;
+                    let sideways = (x - ax) * unit.1 - (y - ay) * unit.0;
+                    let on = forward >= 0.0 && forward <= length && sideways.abs() <= f64::from(p.half_width_px);
+                    match (state(q, a), state(q, b)) {
+                        (3, 3) if on => {
+                            sum += if axis == 0 { unit.0 } else { unit.1 };
+                            count += 1;
+                        }
+                        (1, 1 | 3) | (3, 1) => out |= on,
+                        (0, 0 | 1 | 3) | (1 | 3, 0) => out |= in_box(q, x, y),
+                        _ => {}
+                    }
+                }
+                maps.paf.push((sum / f64::from(count.max(1))) as f32);
+                maps.paf_mask.push(if out { 0.0 } else { 1.0 });
+            }
+        }
+    }
+    maps
+}
+
+/// Values agree to 1e-6. A mask or a limb's edge is a yes or no: there, cells within a ten-thousandth of the edge may
+/// differ between 32 and 64 bits, so places lie on a grid of 1/16 px that no edge of these sizes falls on exactly.
+fn same(a: &[f32], b: &[f32], what: &str) -> Result<(), TestCaseError> {
+    prop_assert_eq!(a.len(), b.len(), "{}", what);
+    let worst = a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    prop_assert!(worst <= 1e-6, "{what}: {worst}");
+    Ok(())
+}
+
+fn labels_strategy(batch: usize, people: usize) -> impl Strategy<Value = (Vec<f32>, Vec<u8>, Vec<f32>)> {
+    let n = batch * people;
+    (
+        proptest::collection::vec((-300..2100_i32).prop_map(|v| v as f32 / 16.0 + 0.03), n * 36),
+        proptest::collection::vec(prop_oneof![Just(0_u8), Just(1), Just(2), 3 => Just(3)], n * 18),
+        proptest::collection::vec((0..1000_i32, 0..1000_i32, 100..1000_i32, 100..1000_i32), n),
+    )
+        .prop_map(|(joints, states, boxes)| {
+            let boxes =
+                boxes.iter().flat_map(|(x, y, w, h)| [*x, *y, x + w, y + h].map(|v| v as f32 / 16.0 + 0.01)).collect();
+            (joints, states, boxes)
+        })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    /// Judge: the definitions without any short cut.
+    #[test]
+    fn encoding_equals_the_slow_reference((joints_px, states, boxes_px) in labels_strategy(3, 2)) {
+        let plan = plan(128, 96);
+        let labels = Labels { batch: 3, people: 2, joints_px: &joints_px, states: &states, boxes_px: &boxes_px };
+        let maps = plan.encode(&labels).unwrap();
+        for sample in 0..3 {
+            let expected = slow(&plan, &labels, sample);
+            let part = |all: &[f32], n: usize| all[sample * n..(sample + 1) * n].to_vec();
+            same(&part(&maps.pcm, expected.pcm.len()), &expected.pcm, "pcm")?;
+            same(&part(&maps.pcm_mask, expected.pcm.len()), &expected.pcm_mask, "pcm mask")?;
+            same(&part(&maps.paf, expected.paf.len()), &expected.paf, "paf")?;
+            same(&part(&maps.paf_mask, expected.paf.len()), &expected.paf_mask, "paf mask")?;
+        }
+    }
+
+    /// Judge: equation (3) cell by cell.
+    #[test]
+    fn fusion_takes_the_larger_response(
+        (joints_px, states, boxes_px) in labels_strategy(2, 1), seed in any::<u64>(),
+    ) {
+        let plan = plan(64, 64);
+        let labels = Labels { batch: 2, people: 1, joints_px: &joints_px, states: &states, boxes_px: &boxes_px };
+        let base = plan.encode(&labels).unwrap();
+        let mut state = seed | 1;
+        let mut noise = |n: usize| -> Vec<f32> {
+            (0..n).map(|_| {
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                (state >> 40) as f32 / (1_u64 << 24) as f32 * 1.6 - 0.4
+            }).collect()
+        };
+        let (pcm_t, paf_t) = (noise(base.pcm.len()), noise(base.paf.len()));
+        let mut fused = base.clone();
+        plan.fuse(&mut fused, &pcm_t, &paf_t, 0.1).unwrap();
+        for b in 0..2 {
+            for cell in 0..64 {
+                let mut most = 0.0_f32;
+                let mut answered = false;
+                for j in 0..18 {
+                    let i = (b * 19 + j) * 64 + cell;
+                    let expected = base.pcm[i].max(pcm_t[i].clamp(0.0, 1.0));
+                    prop_assert!((fused.pcm[i] - expected).abs() <= 1e-6);
+                    let counts = pcm_t[i] >= 0.1 || base.pcm_mask[i] > 0.5;
+                    prop_assert_eq!(fused.pcm_mask[i] > 0.5, counts);
+                    most = most.max(expected);
+                    answered |= pcm_t[i] >= 0.1;
+                }
+                let i = (b * 19 + 18) * 64 + cell;
+                prop_assert!((fused.pcm[i] - (1.0 - most)).abs() <= 1e-6);
+                prop_assert_eq!(fused.pcm_mask[i] > 0.5, answered || base.pcm_mask[i] > 0.5);
+                for limb in 0..19 {
+                    let (x, y) = ((b * 38 + 2 * limb) * 64 + cell, (b * 38 + 2 * limb + 1) * 64 + cell);
+                    let own = base.paf[x].hypot(base.paf[y]);
+                    let theirs = paf_t[x].hypot(paf_t[y]);
+                    prop_assume!((own - theirs).abs() > 1e-6 && (theirs - 0.1).abs() > 1e-6);
+                    let from = if own > theirs { &base.paf } else { &paf_t };
+                    prop_assert!((fused.paf[x] - from[x]).abs() <= 1e-6 && (fused.paf[y] - from[y]).abs() <= 1e-6);
+                    prop_assert_eq!(fused.paf_mask[x] > 0.5, theirs >= 0.1 || base.paf_mask[x] > 0.5);
+                }
+            }
+        }
+    }
+}
+
+/// Law: a teacher that says nothing changes nothing; fusing twice changes nothing more.
+#[test]
+fn fusion_is_idempotent_and_a_silent_teacher_changes_nothing() {
+    let plan = plan(64, 64);
+    let joints_px: Vec<f32> = (0..36).map(|i| 5.0 + (i * 13 % 50) as f32).collect();
+    let labels =
+        Labels { batch: 1, people: 1, joints_px: &joints_px, states: &[3; 18], boxes_px: &[0.0, 0.0, 63.0, 63.0] };
+    let base = plan.encode(&labels).unwrap();
+    let mut fused = base.clone();
+    plan.fuse(&mut fused, &vec![0.0; base.pcm.len()], &vec![0.0; base.paf.len()], 0.1).unwrap();
+    assert_eq!(fused, base);
+    let (pcm_t, paf_t) = (vec![0.4; base.pcm.len()], vec![0.3; base.paf.len()]);
+    plan.fuse(&mut fused, &pcm_t, &paf_t, 0.1).unwrap();
+    let once = fused.clone();
+    plan.fuse(&mut fused, &pcm_t, &paf_t, 0.1).unwrap();
+    assert_eq!(fused, once);
+}
+
+#[test]
+fn wrong_lengths_states_and_nan_are_refused_by_name() {
+    let plan = plan(64, 64);
+    let (joints, states, boxes) = (vec![1.0; 36], vec![3_u8; 18], vec![0.0; 4]);
+    let labels = Labels { batch: 1, people: 1, joints_px: &joints, states: &states, boxes_px: &boxes };
+    assert!(matches!(plan.encode(&Labels { batch: 2, ..labels }), Err(Error::Length { what: "joints_px", .. })));
+    assert!(plan.encode(&Labels { states: &[4; 18], ..labels }).is_err());
+    let mut nan = joints.clone();
+    nan[7] = f32::NAN;
+    assert!(plan.encode(&Labels { joints_px: &nan, ..labels }).is_err());
+    assert!(plan.encode(&Labels { joints_px: &nan, states: &[2; 18], ..labels }).is_ok());
+    let limb = Limb { from: Part::Nose, to: Part::LeftHeel, paf: [0, 1] };
+    assert!(TargetParams::openpose(Skeleton::OpenPose18, vec![limb], 64, 64).validate().is_err());
+    assert!(TargetParams::openpose(Skeleton::OpenPose18, vec![], 60, 64).validate().is_err());
+}

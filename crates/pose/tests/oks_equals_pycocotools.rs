@@ -1,0 +1,80 @@
+//! The evaluation gives pycocotools' numbers to 1e-9 on random and hand-made sets (`fixtures/oks/origin.toml`).
+#![expect(clippy::unwrap_used, reason = "tests")]
+
+use pose::{DetectedPose, LabelledPose, OksParams, Subset};
+use serde_json::Value;
+
+fn number(v: &Value) -> f64 {
+    v.as_f64().unwrap()
+}
+
+fn numbers<const N: usize>(v: &Value) -> [f64; N] {
+    let values: Vec<f64> = v.as_array().unwrap().iter().map(number).collect();
+    values.try_into().unwrap()
+}
+
+#[test]
+fn the_ten_numbers_are_those_of_pycocotools() {
+    let cases: Value = serde_json::from_str(include_str!("fixtures/oks/cases.json")).unwrap();
+    let cases = cases.as_array().unwrap();
+    assert_eq!(cases.len(), 15);
+    for (i, case) in cases.iter().enumerate() {
+        let labels: Vec<LabelledPose> = case["labels"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|l| LabelledPose {
+                image_id: l["image_id"].as_u64().unwrap(),
+                keypoints: l["keypoints"].as_array().unwrap().iter().map(numbers).collect(),
+                area_px2: number(&l["area"]),
+                box_px: numbers(&l["bbox"]),
+                is_crowd: l["iscrowd"].as_bool().unwrap(),
+            })
+            .collect();
+        let detections: Vec<DetectedPose> = case["detections"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|d| DetectedPose {
+                image_id: d["image_id"].as_u64().unwrap(),
+                keypoints: d["keypoints"].as_array().unwrap().iter().map(numbers).collect(),
+                score: number(&d["score"]),
+            })
+            .collect();
+        let subset = &case["subset"];
+        let params = OksParams {
+            sigmas: case["sigmas"].as_array().unwrap().iter().map(number).collect(),
+            max_detections: case["max_detections"].as_u64().unwrap() as usize,
+            subset: Subset {
+                keypoints: subset["keypoints"]
+                    .as_array()
+                    .map(|k| k.iter().map(|i| i.as_u64().unwrap() as usize).collect()),
+                visibility: subset["visibility"].as_u64().map(|v| v as u8),
+            },
+        };
+        let got = params.evaluate(&labels, &detections).unwrap().to_array();
+        let expected: [f64; 10] = numbers(&case["expected"]);
+        for (name, (got, expected)) in got.iter().zip(&expected).enumerate() {
+            assert!((got - expected).abs() <= 1e-9, "case {i}, number {name}: {got} and {expected}");
+        }
+    }
+}
+
+#[test]
+fn wrong_lengths_and_nan_are_refused() {
+    let label = LabelledPose {
+        image_id: 1,
+        keypoints: vec![[0.0, 0.0, 2.0]; 17],
+        area_px2: 100.0,
+        box_px: [0.0, 0.0, 10.0, 10.0],
+        is_crowd: false,
+    };
+    let found = DetectedPose { image_id: 1, keypoints: vec![[0.0, 0.0]; 17], score: 0.5 };
+    let params = OksParams::default();
+    let short = DetectedPose { keypoints: vec![[0.0, 0.0]; 16], ..found.clone() };
+    assert!(params.evaluate(std::slice::from_ref(&label), &[short]).is_err());
+    let nan = DetectedPose { score: f64::NAN, ..found.clone() };
+    assert!(params.evaluate(std::slice::from_ref(&label), &[nan]).is_err());
+    let wrong = OksParams { sigmas: vec![0.0; 17], ..OksParams::default() };
+    assert!(wrong.evaluate(&[label], &[found]).is_err());
+}

@@ -1,0 +1,124 @@
+//! The pure-Rust runtime, and the errors of models that are not what they say. One process, one runtime: everything here
+//! runs on tract.
+#![expect(clippy::unwrap_used, reason = "tests")]
+
+use std::path::{Path, PathBuf};
+
+use pose::{
+    Backend, Error, Estimator, ExecutionProvider, ImageView, LibraryCandidate, LibraryChoice, LibraryOrigin, Model, Runtime,
+    RuntimeOptions,
+};
+
+fn fixture(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/tiny").join(name)
+}
+
+fn tract() -> Runtime {
+    Runtime::load(RuntimeOptions { library: LibraryChoice::PureRust, ..Default::default() }).unwrap()
+}
+
+fn load(card: &str) -> Result<Estimator, Error> {
+    Estimator::load(&Model::find(&fixture(card), &[])?, &tract())
+}
+
+/// The good card with one thing changed, beside a copy of a network.
+fn changed(network: &str, edit: impl Fn(&str) -> String) -> (tempfile::TempDir, Result<Estimator, Error>) {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::copy(fixture(network), dir.path().join("good.onnx")).unwrap();
+    let card = dir.path().join("good.toml");
+    std::fs::write(&card, edit(&std::fs::read_to_string(fixture("good.toml")).unwrap())).unwrap();
+    let loaded = Model::find(&card, &[]).and_then(|m| Estimator::load(&m, &tract()));
+    (dir, loaded)
+}
+
+#[test]
+fn a_network_of_the_right_shape_runs_and_finds_nobody_in_a_blank_picture() {
+    let mut estimator = load("good.toml").unwrap();
+    assert_eq!(estimator.runtime_info().backend, Backend::Tract);
+    assert!(estimator.runtime_info().to_string().contains("tract"));
+    let pixels = vec![90; 64 * 48 * 3];
+    let people = estimator.estimate(ImageView::new(64, 48, &pixels).unwrap()).unwrap();
+    assert!(people.is_empty());
+}
+
+#[test]
+fn a_card_finds_its_network_and_a_network_its_card() {
+    for name in ["good.toml", "good.onnx"] {
+        let model = Model::find(&fixture(name), &[]).unwrap();
+        assert_eq!(model.card.name, "good");
+    }
+}
+
+#[test]
+fn a_nan_weight_is_found_when_loading_with_tensor_and_place() {
+    let error = load("nan.toml").unwrap_err();
+    assert!(matches!(&error, Error::NonFinite { tensor, index: 0, .. } if tensor == "pcm"), "{error}");
+    assert!(error.to_string().contains("nan.onnx"), "{error}");
+}
+
+#[test]
+fn an_operation_that_the_runtime_lacks_is_a_clear_error() {
+    let error = load("unknown-operation.toml").unwrap_err();
+    let text = error.to_string();
+    assert!(matches!(error, Error::BadNetwork { .. }), "{text}");
+    assert!(text.contains("unknown-operation.onnx") && text.contains("tract"), "{text}");
+}
+
+#[test]
+fn a_corrupt_network_is_refused_by_hash_and_without_the_hash_by_the_parser() {
+    let dir = tempfile::tempdir().unwrap();
+    let bytes = std::fs::read(fixture("good.onnx")).unwrap();
+    let card = std::fs::read_to_string(fixture("good.toml")).unwrap();
+    for (bytes, what) in [(&bytes[..bytes.len() / 2], "truncated"), (&b"not a network at all"[..], "garbage")] {
+        std::fs::write(dir.path().join("good.onnx"), bytes).unwrap();
+        std::fs::write(dir.path().join("good.toml"), &card).unwrap();
+        let model = Model::find(&dir.path().join("good.toml"), &[]).unwrap();
+        let error = Estimator::load(&model, &tract()).unwrap_err();
+        assert!(matches!(error, Error::WrongHash { .. }), "{what}: {error}");
+        // The same bytes under their own hash.
+        let mut model = model;
+        let Err(Error::WrongHash { got, .. }) = model.read_weights() else { panic!("{what}") };
+        model.card.sha256 = got;
+        let error = Estimator::load(&model, &tract()).unwrap_err();
+        assert!(matches!(error, Error::BadNetwork { .. }), "{what}: {error}");
+    }
+}
+
+#[test]
+fn a_card_of_another_shape_is_refused_with_both_shapes() {
+    let cases: [(&str, &str, &str); 5] = [
+        ("width = 32", "width = 64", "64"),
+        ("name = \"image\"", "name = \"picture\"", "picture"),
+        ("dtype = \"float32\"", "dtype = \"int32\"", "Int32"),
+        ("output = \"paf\"", "output = \"fields\"", "fields"),
+        ("stride = 8", "stride = 4", "at least 9 channels"),
+    ];
+    for (from, to, said) in cases {
+        let (_dir, loaded) = changed("good.onnx", |card| card.replace(from, to));
+        let error = loaded.unwrap_err();
+        assert!(matches!(error, Error::WrongShape { .. }), "{to}: {error}");
+        let i32_or_said = error.to_string().to_lowercase().contains(&said.to_lowercase())
+            || (said == "Int32" && error.to_string().contains("i32"));
+        assert!(i32_or_said && error.to_string().contains("good.onnx"), "{to}: {error}");
+    }
+}
+
+#[test]
+fn a_second_wish_conflicts_and_a_missing_provider_is_named() {
+    tract();
+    let wish = LibraryCandidate { path: PathBuf::from("/opt/libonnxruntime.so"), origin: LibraryOrigin::Explicit };
+    let library = LibraryChoice::Search(vec![wish]);
+    let error = Runtime::load(RuntimeOptions { library, ..Default::default() }).unwrap_err();
+    assert!(matches!(error, Error::RuntimeConflict { .. }), "{error}");
+
+    let cuda = RuntimeOptions {
+        library: LibraryChoice::PureRust,
+        provider: ExecutionProvider::Cuda,
+        ..Default::default()
+    };
+    let error = Runtime::load(cuda.clone()).unwrap_err();
+    assert!(error.to_string().contains("cuda") && error.to_string().contains("tract"), "{error}");
+    let runtime = Runtime::load(RuntimeOptions { fallback: Some(ExecutionProvider::Cpu), ..cuda }).unwrap();
+    assert_eq!(runtime.info().active, ExecutionProvider::Cpu);
+    assert!(runtime.info().to_string().contains("cpu instead of cuda"), "{}", runtime.info());
+}
