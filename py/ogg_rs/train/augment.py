@@ -6,12 +6,13 @@ follow the picture exactly: `Image.transform` maps pixel centres `i + 0.5`, as t
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, ImageDraw, ImageFilter
 
 from .skeleton import Skeleton
 from .targets import State
@@ -59,6 +60,23 @@ def letterbox(source: tuple[int, int], target: tuple[int, int]) -> tuple[float, 
     return scale, (target[0] - scale * source[0]) / 2, (target[1] - scale * source[1]) / 2
 
 
+def letterboxed(
+    image: Image.Image, target: tuple[int, int], *, pad: int = 128
+) -> tuple[NDArray[np.float32], tuple[float, float, float]]:
+    """The picture as the network sees it at run time, `(height, width, 3)` of 0..255, and its `letterbox`.
+
+    Shrinking averages over the area that a pixel covers; what lies outside the picture has the value `pad`.
+    """
+    scale, dx, dy = letterbox(image.size, target)
+    edges = (-dx / scale, -dy / scale, (target[0] - dx) / scale, (target[1] - dy) / scale)
+    whole = tuple(math.floor(v) for v in edges[:2]) + tuple(math.ceil(v) for v in edges[2:])
+    framed = Image.new("RGB", (int(whole[2] - whole[0]), int(whole[3] - whole[1])), (pad, pad, pad))
+    framed.paste(image, (-int(whole[0]), -int(whole[1])))
+    box = tuple(edge - whole[k % 2] for k, edge in enumerate(edges))
+    method = Image.Resampling.BOX if scale < 1 else Image.Resampling.BILINEAR
+    return np.asarray(framed.resize(target, method, box=box), np.float32), (scale, dx, dy)
+
+
 def placement(
     source: tuple[int, int], target: tuple[int, int], params: AugmentParams, rng: np.random.Generator
 ) -> tuple[NDArray[np.float64], bool]:
@@ -96,7 +114,7 @@ def apply(
     resampled = source.transform(
         target, Image.Transform.AFFINE, tuple(coefficients), Image.Resampling.BILINEAR, fillcolor=fill
     )
-    pixels = colour(np.asarray(resampled, np.float32), params, rng)
+    pixels = colour(resampled, params, rng)
 
     joints = (sample.joints_px @ linear.T + offset).astype(np.float32)
     states = sample.states.copy()
@@ -110,37 +128,46 @@ def apply(
     return pixels, joints, states, boxes
 
 
-def colour(pixels: NDArray[np.float32], params: AugmentParams, rng: np.random.Generator) -> NDArray[np.float32]:
-    """Random light, colour, blur, noise and covers, in place of the picture given."""
-    if params.gain > 0:
+@functools.cache
+def _noise_bank() -> NDArray[np.float32]:
+    """Standard normal numbers, drawn once; pictures take a random run of them, which is far cheaper than drawing."""
+    return np.random.default_rng(20).standard_normal(1 << 21, np.float32)
+
+
+def colour(image: Image.Image, params: AugmentParams, rng: np.random.Generator) -> NDArray[np.float32]:
+    """The picture with random light, colour, blur, covers and noise, `(height, width, 3)` of 0..255."""
+    if rng.random() < params.grey:
+        image = image.convert("L").convert("RGB")
+    if params.gain > 0 or params.gamma > 0:
         common = rng.uniform(1 - params.gain, 1 + params.gain)
         channel = rng.uniform(1 - params.gain / 3, 1 + params.gain / 3, 3)
         offset = rng.uniform(-1, 1) * 40 * params.gain
-        pixels = pixels * (common * channel).astype(np.float32) + np.float32(offset)
-    if rng.random() < params.grey:
-        pixels = np.repeat(pixels.mean(2, keepdims=True), 3, 2)
-    if params.gamma > 0:
         exponent = math.exp(rng.uniform(-params.gamma, params.gamma))
-        table = (255 * (np.arange(256) / 255) ** exponent).astype(np.float32)
-        pixels = table[np.clip(pixels, 0, 255).astype(np.uint8)]
+        levels = 255 * (np.arange(256) / 255) ** exponent
+        table = np.clip(levels * (common * channel)[:, None] + offset, 0, 255).astype(np.uint8)
+        image = image.point(table.ravel().tolist())
     if rng.random() < params.covers:
-        pixels = cover(pixels.copy(), rng)
+        image = cover(image, rng)
     if rng.random() < params.blur:
-        axis = int(rng.integers(0, 2))
         # A box of three along one axis: the blur of a moving arm or of a soft lens; along both every second time.
-        pixels = (np.roll(pixels, 1, axis) + pixels + np.roll(pixels, -1, axis)) / 3
-        if rng.random() < 0.5:
-            pixels = (np.roll(pixels, 1, 1 - axis) + pixels + np.roll(pixels, -1, 1 - axis)) / 3
+        both = rng.random() < 0.5
+        across = rng.random() < 0.5
+        image = image.filter(ImageFilter.BoxBlur((1 if both or across else 0, 1 if both or not across else 0)))
+    pixels = np.asarray(image, np.float32)
     if params.noise > 0:
-        pixels = pixels + rng.standard_normal(pixels.shape, np.float32) * np.float32(rng.uniform(0, params.noise))
-    return np.clip(pixels, 0, 255).astype(np.float32)
+        start = int(rng.integers(0, (1 << 21) - pixels.size))
+        noise = _noise_bank()[start : start + pixels.size].reshape(pixels.shape)
+        pixels = pixels + np.float32(rng.uniform(0, params.noise)) * noise
+    return pixels
 
 
-def cover(pixels: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.float32]:
+def cover(image: Image.Image, rng: np.random.Generator) -> Image.Image:
     """Up to three flat rectangles, each at most a quarter of the picture wide and high."""
-    height, width = pixels.shape[:2]
+    width, height = image.size
+    draw = ImageDraw.Draw(image)
     for _ in range(int(rng.integers(1, 4))):
         w, h = int(rng.uniform(0.04, 0.25) * width), int(rng.uniform(0.04, 0.25) * height)
         x, y = int(rng.integers(0, width - w)), int(rng.integers(0, height - h))
-        pixels[y : y + h, x : x + w] = rng.uniform(0, 255, 3)
-    return pixels
+        r, g, b = (int(v) for v in rng.integers(0, 256, 3))
+        draw.rectangle((x, y, x + w, y + h), fill=(r, g, b))
+    return image

@@ -58,12 +58,13 @@ def parser() -> argparse.ArgumentParser:
     fit.add_argument("--warmup", type=float, default=0.1)
     fit.add_argument("--emphasis", type=float, default=4.0, help="0 is the loss as printed in the paper")
     fit.add_argument("--strength", type=float, default=1.0, help="strength of the random picture changes, 0 to 1")
-    fit.add_argument("--threads", type=int, default=2)
+    fit.add_argument("--threads", type=int, default=1, help="set to the number of cores that are otherwise idle")
     fit.add_argument("--bf16", choices=["auto", "on", "off"], default="auto", help="auto: on where the CPU has AMX")
 
     export = commands.add_parser("export", help="write the averaged weights of a run as ONNX")
     export.add_argument("--run", type=Path, required=True, help="the --out folder of fit")
     export.add_argument("--out", type=Path, required=True, help="file to write")
+    export.add_argument("--card", type=Path, help="model card to write or renew; its [about] section is kept")
 
     evaluate = commands.add_parser("eval", help="PCK and pixel errors of an exported network on a data set")
     evaluate.add_argument("--model", type=Path, required=True)

@@ -7,10 +7,10 @@ so 0.5 is added here and nowhere else.
 `extras.json`, where present beside it, gives the true place of every joint of a rendered person in OpenPose-18 order.
 It turns "unlabelled" into "hidden, at a known place", and is what the label rules need:
 
-- v = 2, and v = 1: labelled;
+- v = 2: labelled; v = 1: labelled too, unless a rendering says so of a joint that is no arm joint: then it is hidden;
 - v = 0 with a known place inside the picture: an arm joint is labelled (fabric may cover it, its place is exact),
   any other joint is hidden;
-- v = 0 without a known place: unknown for COCO people with labels; crowds and people without labels are unknown whole.
+- v = 0 without a known place: unknown; crowds are unknown whole.
 
 The neck is the middle of the shoulders and labelled when both are.
 """
@@ -62,13 +62,15 @@ def person(annotation: dict, places: NDArray[np.float32] | None, size: tuple[int
     for coco, part in _FROM_COCO.items():
         joints[part] = rows[coco, :2]
     if places is not None:
-        known = np.isfinite(places).all(1) & (states == State.UNKNOWN)
+        covered = np.ones(len(PARTS), bool)
+        covered[list(_FROM_COCO.values())] = rows[list(_FROM_COCO), 2] < 2
+        known = np.isfinite(places).all(1) & covered
         joints[known] = places[known]
         arms = np.isin(np.arange(len(PARTS)), ARM_PARTS)
         states[known & arms] = State.LABELLED
         states[known & ~arms] = State.HIDDEN
     joints[NECK] = joints[list(_SHOULDERS)].mean(0)
-    states[NECK] = min(states[i] for i in _SHOULDERS)
+    states[NECK] = min(int(states[i]) for i in _SHOULDERS)
     joints += np.float32(COCO_CENTRE_PX)
     outside = (joints < 0).any(1) | (joints >= np.array(size)).any(1)
     states[outside & (states != State.UNKNOWN)] = State.OUTSIDE

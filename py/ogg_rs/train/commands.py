@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from PIL import Image
 
-from . import puppets
+from . import card, puppets
 from .augment import AugmentParams
 from .batches import BatchMaker, Joined, Normalisation
 from .coco import COCO_CENTRE_PX, CocoKeypoints
@@ -94,6 +94,8 @@ def write_onnx(options: argparse.Namespace) -> None:
     metadata = {"network": about["network"], "profile": about["profile"], "licence": "MIT OR Apache-2.0"}
     options.out.parent.mkdir(parents=True, exist_ok=True)
     digest = export(network, tuple(about["size"]), options.out, metadata=metadata)
+    if options.card:
+        card.write(options.card, options.out, digest, tuple(about["size"]), skeleton)
     print(f"{options.out}: {options.out.stat().st_size} bytes, sha256 {digest}")
 
 

@@ -40,7 +40,9 @@ class FitParams:
     emphasis: float = 4.0
     average: float = 0.998
     """Decay per step of the moving average of the weights, which is what is evaluated and exported."""
-    threads: int = 2
+    threads: int = 1
+    """Threads of the arithmetic. More than the cores that are free costs several times the CPU time: the threads of one
+    operation wait for each other, spinning."""
     autocast: bool = False
     """bfloat16 arithmetic: several times faster where the CPU has AMX, slower where it has not."""
     checkpoint_every: int = 200

@@ -16,14 +16,13 @@ from typing import Protocol
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from PIL import Image
 from tqdm import tqdm
 
 from . import augment
-from .augment import AugmentParams
 from .batches import Normalisation
 from .nets import STRIDE
 from .skeleton import OPENPOSE18, Skeleton
-from .targets import State
 
 FLOOR = 0.1
 """Smallest peak that counts as seen; the floor of OpenPose's decoder."""
@@ -104,7 +103,7 @@ class Scores:
 class Case:
     """One picture to score: true joints `(18, 2)` in its continuous pixels, which of them count, and the torso length."""
 
-    image: object
+    image: Image.Image
     joints_px: NDArray[np.float32]
     counts: NDArray[np.bool_]
     torso_px: float
@@ -115,16 +114,10 @@ def score(
 ) -> dict[str, Scores]:
     """Scores by joint name over `cases`, each letterboxed to `size` as at run time."""
     scores = {name: Scores() for name in skeleton.parts}
-    plain = AugmentParams.none()
     for case in tqdm(cases, desc="scoring", unit="img", leave=False):
-        sample = augment.Sample(
-            case.image, np.zeros((1, len(skeleton.parts), 2), np.float32),
-            np.full((1, len(skeleton.parts)), State.OUTSIDE, np.int64), np.zeros((1, 4), np.float32),
-        )  # fmt: skip
-        pixels, *_ = augment.apply(sample, size, skeleton, plain, np.random.default_rng(0))
+        pixels, (scale, dx, dy) = augment.letterboxed(case.image, size)
         image = normalise(torch.from_numpy(pixels[None])).contiguous().numpy()
         found = decode_single(run(image)[0])[0]
-        scale, dx, dy = augment.letterbox(case.image.size, size)
         places = (found[:, :2] - (dx, dy)) / scale
         for j, name in enumerate(skeleton.parts):
             if not case.counts[j]:
