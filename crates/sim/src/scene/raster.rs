@@ -1,0 +1,116 @@
+//! Depth-buffered triangle rasteriser.
+//!
+//! Works on any projection in which inverse depth is affine over the screen: pinhole views store `1 / depth`, light
+//! views minus the distance along the light. The larger value is the nearer surface.
+
+use super::mesh::Triangle;
+
+/// A projected corner: position in samples and nearness.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Screen {
+    pub(crate) x: f32,
+    pub(crate) y: f32,
+    /// Grows towards the viewer; NaN marks a corner that cannot be projected.
+    pub(crate) near: f32,
+}
+
+impl Screen {
+    pub(crate) const NOWHERE: Self = Self { x: 0.0, y: 0.0, near: f32::NAN };
+}
+
+/// Nearness and triangle number per sample; number 0 is free for "nothing drawn here".
+#[derive(Debug, Clone)]
+pub(crate) struct Buffer {
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+    pub(crate) near: Vec<f32>,
+    pub(crate) owner: Vec<u32>,
+}
+
+impl Buffer {
+    pub(crate) fn new(width: usize, height: usize) -> Self {
+        Self { width, height, near: vec![f32::NEG_INFINITY; width * height], owner: vec![0; width * height] }
+    }
+
+    pub(crate) fn clear(&mut self) {
+        self.near.fill(f32::NEG_INFINITY);
+        self.owner.fill(0);
+    }
+
+    /// Draws all triangles; triangle `i` writes owner `i + 1`. With `cull`, one-sided triangles that face away
+    /// are left out (in a picture whose y axis points down, a face towards the viewer runs clockwise in
+    /// mathematical orientation, so its signed area is negative).
+    pub(crate) fn draw(&mut self, triangles: &[Triangle], corners: &[Screen], cull: bool) {
+        for (i, t) in triangles.iter().enumerate() {
+            let [a, b, c] = t.corners.map(|k| corners[k as usize]);
+            let area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
+            if !(a.near + b.near + c.near).is_finite() || (cull && !t.two_sided && area >= 0.0) || area.abs() < 1e-6 {
+                continue;
+            }
+            self.fill(a, b, c, area, i as u32 + 1);
+        }
+    }
+
+    fn fill(&mut self, a: Screen, b: Screen, c: Screen, area: f32, owner: u32) {
+        let low = |p: f32, q: f32, r: f32| p.min(q).min(r);
+        let high = |p: f32, q: f32, r: f32| p.max(q).max(r);
+        let top = low(a.y, b.y, c.y).ceil().max(0.0);
+        let bottom = high(a.y, b.y, c.y).floor().min(self.height as f32 - 1.0);
+        let left = low(a.x, b.x, c.x).ceil().max(0.0);
+        let right = high(a.x, b.x, c.x).floor().min(self.width as f32 - 1.0);
+        if !(top <= bottom && left <= right) {
+            return;
+        }
+        let inverse = 1.0 / area;
+        // Nearness is affine: near(x, y) = a.near + dx (x - a.x) + dy (y - a.y).
+        let dx = ((b.near - a.near) * (c.y - a.y) - (c.near - a.near) * (b.y - a.y)) * inverse;
+        let dy = ((c.near - a.near) * (b.x - a.x) - (b.near - a.near) * (c.x - a.x)) * inverse;
+        let sign = area.signum();
+        // Edge functions, positive inside: e(x, y) = ex x + ey y + e0.
+        let edges = [(a, b), (b, c), (c, a)].map(|(p, q)| {
+            let (ex, ey) = (-(q.y - p.y) * sign, (q.x - p.x) * sign);
+            (ex, ey, -(ex * p.x + ey * p.y))
+        });
+        for row in top as usize..=bottom as usize {
+            let y = row as f32;
+            let (mut first, mut last) = (left, right);
+            let mut empty = false;
+            for (ex, ey, e0) in edges {
+                let rest = ey * y + e0;
+                if ex > 1e-9 {
+                    first = first.max((-rest / ex).ceil());
+                } else if ex < -1e-9 {
+                    last = last.min((-rest / ex).floor());
+                } else if rest < 0.0 {
+                    empty = true;
+                }
+            }
+            if empty || first > last {
+                continue;
+            }
+            let start = row * self.width;
+            let (first, last) = (first as usize, last as usize);
+            let mut near = a.near + dx * (first as f32 - a.x) + dy * (y - a.y);
+            let depths = &mut self.near[start + first..=start + last];
+            let owners = &mut self.owner[start + first..=start + last];
+            for (depth, slot) in depths.iter_mut().zip(owners) {
+                if near > *depth {
+                    *depth = near;
+                    *slot = owner;
+                }
+                near += dx;
+            }
+        }
+    }
+}
+
+/// Weights of the three corners at a sample, corrected for perspective when `perspective`.
+pub(crate) fn weights(corners: [Screen; 3], x: f32, y: f32) -> [f32; 3] {
+    let [a, b, c] = corners;
+    let area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
+    let wb = ((x - a.x) * (c.y - a.y) - (y - a.y) * (c.x - a.x)) / area;
+    let wc = ((b.x - a.x) * (y - a.y) - (b.y - a.y) * (x - a.x)) / area;
+    let [pa, pb, pc] = [(1.0 - wb - wc) * a.near, wb * b.near, wc * c.near];
+    let total = pa + pb + pc;
+    [pa / total, pb / total, pc / total]
+}
