@@ -3,7 +3,7 @@
 //! Prints one JSON document. `OGG_BENCH_VIDEO` names further video files (separated like a PATH) to decode.
 
 use std::hint::black_box;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -36,7 +36,7 @@ fn main() {
 }
 
 /// Time per frame of whole passes over a file, decoding and conversion to RGB included.
-fn decode_row(name: &str, path: &PathBuf) -> Value {
+fn decode_row(name: &str, path: &Path) -> Value {
     let started = Instant::now();
     let mut per_frame_ms = Vec::new();
     let mut size = (0, 0);

@@ -149,8 +149,6 @@ const STANDARD_TABLES: [(u8, [u8; 16], &[u8]); 4] = [
 
 #[cfg(test)]
 mod tests {
-    #![expect(clippy::unwrap_used, reason = "tests")]
-
     use image::Rgb;
     use image::codecs::jpeg::JpegEncoder;
     use proptest::prelude::*;

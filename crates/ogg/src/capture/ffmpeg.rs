@@ -69,7 +69,7 @@ impl Ffmpeg {
         Err("OGG_FFMPEG (not set), the PATH, imageio-ffmpeg of the active Python environment".to_owned())
     }
 
-    /// Where the program lies.
+    /// Where the program is.
     pub fn program(&self) -> &Path {
         &self.program
     }
@@ -209,6 +209,13 @@ impl std::fmt::Debug for FfmpegFile {
 }
 
 impl FfmpegFile {
+    /// Adds what the container states, where it could be read.
+    pub(super) fn with_stated(mut self, rate_hz: Option<f64>, frames: u64) -> Self {
+        self.info.rate_hz = rate_hz;
+        self.info.frames = Some(frames);
+        self
+    }
+
     fn failure(&mut self) -> Error {
         self.done = true;
         let status = match self.child.wait() {
@@ -275,8 +282,6 @@ impl Drop for FfmpegFile {
 
 #[cfg(test)]
 mod tests {
-    #![expect(clippy::unwrap_used, reason = "tests")]
-
     use super::*;
 
     #[test]

@@ -97,7 +97,7 @@ impl H264File {
             name: path.display().to_string(),
             width,
             height,
-            rate_hz: rate_hz(&track),
+            rate_hz: track.rate_hz(),
             frames: Some(track.samples.len() as u64),
             decoder: "OpenH264, in this process".to_owned(),
             live: false,
@@ -278,12 +278,6 @@ fn decoder_words(error: &openh264::Error) -> String {
     let code = error.native_code();
     let words: Vec<&str> = STATES.iter().filter(|(bit, _)| code & bit != 0).map(|&(_, words)| words).collect();
     if words.is_empty() { format!("decoder error {code:#x}") } else { words.join(", ") }
-}
-
-fn rate_hz(track: &VideoTrack) -> Option<f64> {
-    let last = track.samples.iter().map(|sample| sample.time).max()?;
-    let intervals = track.samples.len() - 1;
-    (last > 0).then(|| intervals as f64 * f64::from(track.ticks_per_second) / last as f64)
 }
 
 /// Ticks of a track as a span, rounded down to a nanosecond; negative ticks count as zero.

@@ -111,8 +111,6 @@ fn sort_key(path: &Path) -> Vec<(String, usize, String)> {
 
 #[cfg(test)]
 mod tests {
-    #![expect(clippy::unwrap_used, reason = "tests")]
-
     use image::{Rgb, RgbImage};
 
     use super::*;

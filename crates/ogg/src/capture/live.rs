@@ -216,8 +216,6 @@ impl Pacer {
 
 #[cfg(test)]
 mod tests {
-    #![expect(clippy::unwrap_used, reason = "tests")]
-
     use super::*;
 
     const fn ms(ms: u64) -> Duration {

@@ -165,8 +165,6 @@ impl<T> Drop for Latest<T> {
 
 #[cfg(test)]
 mod tests {
-    #![expect(clippy::unwrap_used, reason = "tests")]
-
     use std::thread;
 
     use super::*;
@@ -199,7 +197,7 @@ mod tests {
             std::panic::resume_unwind(Box::new(()));
         });
         assert!(writer.join().is_err());
-        assert!(matches!(latest.take(Duration::from_secs(60)), Wait::Ended(End::Abandoned)));
+        assert!(matches!(latest.take(Duration::from_mins(1)), Wait::Ended(End::Abandoned)));
     }
 
     #[test]
@@ -222,7 +220,7 @@ mod tests {
         });
         let mut taken = Vec::new();
         loop {
-            match latest.take(Duration::from_secs(60)) {
+            match latest.take(Duration::from_mins(1)) {
                 Wait::Item(item) => taken.push(item),
                 Wait::Ended(End::Finished) => break,
                 other => panic!("{other:?}"),

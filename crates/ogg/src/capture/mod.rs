@@ -79,7 +79,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>, Error
     let mut file = File::open(path).map_err(read)?;
     let length = file.metadata().map_err(read)?.len();
     if !looks_like_mp4(&mut file).map_err(read)? {
-        return open_with_ffmpeg(path, options, "a container other than MP4");
+        return Ok(Box::new(with_ffmpeg(path, options, "a container other than MP4")?));
     }
     let track = mp4::read(&mut file, length).map_err(|error| match error {
         mp4::ContainerError::Io(source) => read(source),
@@ -93,20 +93,23 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>, Error
     })?;
     match h264::supported(&track) {
         Ok((avc, facts)) => Ok(Box::new(h264::H264File::new(path, file, track, avc, facts, options.camera)?)),
-        Err(codec) => open_with_ffmpeg(path, options, &codec),
+        Err(codec) => {
+            let source = with_ffmpeg(path, options, &codec)?;
+            Ok(Box::new(source.with_stated(track.rate_hz(), track.samples.len() as u64)))
+        }
     }
 }
 
 /// Rate of a directory of images for which none is given; what most cameras run at.
 const DEFAULT_IMAGE_RATE_HZ: f64 = 30.0;
 
-fn open_with_ffmpeg(path: &Path, options: &OpenOptions, codec: &str) -> Result<Box<dyn Source>, Error> {
+fn with_ffmpeg(path: &Path, options: &OpenOptions, codec: &str) -> Result<ffmpeg::FfmpegFile, Error> {
     let ffmpeg = Ffmpeg::find(options.ffmpeg.as_deref()).map_err(|searched| Error::NeedsFfmpeg {
         path: path.to_owned(),
         codec: codec.to_owned(),
         searched,
     })?;
-    Ok(Box::new(ffmpeg.open(path, options.camera)?))
+    ffmpeg.open(path, options.camera)
 }
 
 #[cfg(target_os = "linux")]

@@ -73,6 +73,15 @@ pub(super) struct VideoTrack {
     pub(super) samples: Vec<Sample>,
 }
 
+impl VideoTrack {
+    /// Mean frame rate, if the track has two different times.
+    pub(super) fn rate_hz(&self) -> Option<f64> {
+        let last = self.samples.iter().map(|sample| sample.time).max()?;
+        let intervals = self.samples.len() - 1;
+        (last > 0).then(|| intervals as f64 * f64::from(self.ticks_per_second) / last as f64)
+    }
+}
+
 /// Why a container could not be read.
 #[derive(Debug)]
 pub(super) enum ContainerError {

@@ -96,7 +96,7 @@ impl MultiView {
 
     /// What is known of each source.
     pub fn infos(&self) -> impl Iterator<Item = &SourceInfo> {
-        self.sources.iter().map(|source| source.info())
+        self.sources.iter().map(Source::info)
     }
 
     /// Used and skipped frames of each source so far.
@@ -155,7 +155,7 @@ impl MultiView {
             }
             let times = || self.waiting.iter().filter_map(VecDeque::front).map(|frame| frame.captured);
             let (Some(earliest), Some(latest)) = (times().min(), times().max()) else { return Ok(None) };
-            if latest - earliest <= self.tolerance {
+            if latest.saturating_sub(earliest) <= self.tolerance {
                 let frames: Vec<Frame> = self.waiting.iter_mut().filter_map(VecDeque::pop_front).collect();
                 for count in &mut self.counts {
                     count.used += 1;
@@ -165,7 +165,7 @@ impl MultiView {
                 return Ok(Some(FrameSet { frames, captured: earliest, sequence, stuck: false }));
             }
             for (queue, count) in self.waiting.iter_mut().zip(&mut self.counts) {
-                if queue.front().is_some_and(|frame| latest - frame.captured > self.tolerance) {
+                if queue.front().is_some_and(|frame| latest.saturating_sub(frame.captured) > self.tolerance) {
                     queue.pop_front();
                     count.skipped += 1;
                 }
@@ -185,8 +185,6 @@ impl MultiView {
 
 #[cfg(test)]
 mod tests {
-    #![expect(clippy::unwrap_used, reason = "tests")]
-
     use std::sync::Arc;
 
     use image::RgbImage;

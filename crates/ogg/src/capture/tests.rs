@@ -1,7 +1,5 @@
 //! Whole files in, frames out.
 
-#![expect(clippy::unwrap_used, reason = "tests")]
-
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -178,7 +176,7 @@ fn a_capture_thread_delivers_the_last_set_and_then_the_end() {
     let mut taken = 0;
     let mut last = None;
     loop {
-        match capture.latest().take(Duration::from_secs(60)) {
+        match capture.latest().take(Duration::from_mins(1)) {
             Wait::Item(set) => {
                 taken += 1;
                 last = Some(set.sequence);
@@ -203,7 +201,7 @@ fn a_capture_thread_delivers_the_error_of_its_source() {
     let view = MultiView::new(vec![source]).unwrap();
     let capture = Capture::spawn(view, Instant::now(), Pace::AsFastAsPossible).unwrap();
     let end = loop {
-        match capture.latest().take(Duration::from_secs(60)) {
+        match capture.latest().take(Duration::from_mins(1)) {
             Wait::Item(set) => assert_eq!(set.sequence, 0),
             Wait::Ended(end) => break end,
             Wait::Empty => panic!("the thread hangs"),

@@ -27,7 +27,7 @@ pub(super) struct Camera {
     stride_bytes: u32,
     stream: ReadStream,
     epoch: Instant,
-    camera: usize,
+    index: usize,
     given: u64,
 }
 
@@ -79,7 +79,7 @@ impl Camera {
             stride_bytes,
             stream,
             epoch,
-            camera,
+            index: camera,
             given: 0,
         })
     }
@@ -111,7 +111,7 @@ impl Source for Camera {
         };
         let sequence = self.given;
         self.given += 1;
-        Ok(Some(Frame { image: Arc::new(image), captured, media_time: captured, sequence, camera: self.camera }))
+        Ok(Some(Frame { image: Arc::new(image), captured, media_time: captured, sequence, camera: self.index }))
     }
 }
 

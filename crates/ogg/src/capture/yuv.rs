@@ -3,9 +3,10 @@
 //! With `y, cb, cr` scaled to `[0, 1]` and `[-1/2, 1/2]`,
 //! `r = y + 2 (1 - kr) cr`, `b = y + 2 (1 - kb) cb`, `g = y - (2 kb (1 - kb) cb + 2 kr (1 - kr) cr) / kg`,
 //! `kg = 1 - kr - kb`; `kr, kb` are 0.299, 0.114 (BT.601), 0.2126, 0.0722 (BT.709) and 0.2627, 0.0593 (BT.2020).
-//! Limited range scales `y` from 16..235 and chroma from 16..240. Chroma of 4:2:0 is repeated, not interpolated. Arithmetic is
-//! fixed-point with 16 fractional bits: the result is the rounded formula, off by at most one where the formula lies between two values.
-//! Cost: about 2 ns per pixel, a fifth of decoding it.
+//! Limited range scales `y` from 16..235 and chroma from 16..240. Chroma of 4:2:0 is repeated, not interpolated.
+//!
+//! Arithmetic is in 16-bit integers with 6 fractional bits, one colour plane of a row at a time, a form that compilers
+//! turn into vector instructions; the result lies within 0.55 of the formula (0.5 of it is rounding to a whole number).
 
 use image::RgbImage;
 
@@ -51,7 +52,7 @@ impl ColourSpace {
         Self { matrix, full_range: full_range.unwrap_or(false) }
     }
 
-    /// The formula with 16 fractional bits.
+    /// The formula's coefficients.
     fn weights(self) -> Weights {
         let (kr, kb) = match self.matrix {
             ColourMatrix::Bt601 => (0.299, 0.114),
@@ -63,7 +64,7 @@ impl ColourSpace {
         let fixed = |value: f64| (value * 65536.0).round() as i32;
         Weights {
             black,
-            luma: fixed(luma),
+            luma_gain: ((luma - 1.0) * 65536.0_f64).round() as i16,
             red_cr: fixed(chroma * 2.0 * (1.0 - kr)),
             green_cb: fixed(chroma * -2.0 * kb * (1.0 - kb) / kg),
             green_cr: fixed(chroma * -2.0 * kr * (1.0 - kr) / kg),
@@ -72,30 +73,80 @@ impl ColourSpace {
     }
 }
 
-/// Coefficients times 65536. The largest sum, 255 * 1.17 + 128 * 2.4, stays far below 2^15.
+/// Coefficients times 65536; that of luma less one, so that it fits 16 bits.
 #[derive(Debug, Clone, Copy)]
 struct Weights {
-    black: i32,
-    luma: i32,
+    black: i16,
+    luma_gain: i16,
     red_cr: i32,
     green_cb: i32,
     green_cr: i32,
     blue_cb: i32,
 }
 
-/// What chroma adds to red, green and blue, rounding included.
-type Tint = [i32; 3];
+/// Buffers for one row.
+#[derive(Debug)]
+struct Row {
+    weights: Weights,
+    luma: Vec<i16>,
+    /// What chroma adds to red, green and blue of each column, rounding included.
+    tints: [Vec<i16>; 3],
+    planes: [Vec<u8>; 3],
+}
 
-impl Weights {
-    fn tint(&self, cb: u8, cr: u8) -> Tint {
-        const HALF: i32 = 1 << 15;
-        let (cb, cr) = (i32::from(cb) - 128, i32::from(cr) - 128);
-        [self.red_cr * cr + HALF, self.green_cb * cb + self.green_cr * cr + HALF, self.blue_cb * cb + HALF]
+/// Fractional bits of the 16-bit arithmetic: luma below 2^15 / 64 = 512 leaves room for every sum, which saturates besides.
+const FRACTION: u32 = 6;
+
+impl Row {
+    fn new(columns: usize, weights: Weights) -> Self {
+        // One column more where their number is odd, so that every chroma pair has two.
+        let wide = || vec![0; columns.next_multiple_of(2)];
+        Self {
+            weights,
+            luma: wide(),
+            tints: [wide(), wide(), wide()],
+            planes: std::array::from_fn(|_| vec![0; columns]),
+        }
     }
 
-    fn pixel(&self, y: u8, tint: Tint) -> [u8; 3] {
-        let y = (i32::from(y) - self.black) * self.luma;
-        tint.map(|tint| ((y + tint) >> 16).clamp(0, 255) as u8)
+    /// Takes the chroma of a row: one pair for two columns.
+    fn set_chroma(&mut self, cb: impl Iterator<Item = u8> + Clone, cr: impl Iterator<Item = u8> + Clone) {
+        const SHIFT: u32 = 16 - FRACTION;
+        // Half a unit of this shift, and half of the whole number that comes of the next.
+        const ROUND: i32 = (1 << (SHIFT - 1)) + (1 << 15);
+        let w = self.weights;
+        let [red, green, blue] = &mut self.tints;
+        let centred = |value: u8| i32::from(value).wrapping_sub(128);
+        for (pair, cr) in red.as_chunks_mut::<2>().0.iter_mut().zip(cr.clone()) {
+            *pair = [(w.red_cr.wrapping_mul(centred(cr)).wrapping_add(ROUND) >> SHIFT) as i16; 2];
+        }
+        for ((pair, cb), cr) in green.as_chunks_mut::<2>().0.iter_mut().zip(cb.clone()).zip(cr) {
+            let sum = w.green_cb.wrapping_mul(centred(cb)).wrapping_add(w.green_cr.wrapping_mul(centred(cr)));
+            *pair = [(sum.wrapping_add(ROUND) >> SHIFT) as i16; 2];
+        }
+        for (pair, cb) in blue.as_chunks_mut::<2>().0.iter_mut().zip(cb) {
+            *pair = [(w.blue_cb.wrapping_mul(centred(cb)).wrapping_add(ROUND) >> SHIFT) as i16; 2];
+        }
+    }
+
+    /// Turns the luma of a row into pixels.
+    fn convert(&mut self, luma: impl Iterator<Item = u8>, out: &mut [u8]) {
+        let w = self.weights;
+        for (luma, y) in self.luma.iter_mut().zip(luma) {
+            let scaled = i16::from(y).wrapping_sub(w.black) << FRACTION;
+            let more = i32::from(scaled).wrapping_mul(i32::from(w.luma_gain)) >> 16;
+            *luma = scaled.wrapping_add(more as i16);
+        }
+        for (plane, tint) in self.planes.iter_mut().zip(&self.tints) {
+            for ((value, &luma), &tint) in plane.iter_mut().zip(&self.luma).zip(tint) {
+                *value = (luma.saturating_add(tint) >> FRACTION).clamp(0, 255) as u8;
+            }
+        }
+        let [red, green, blue] = &self.planes;
+        let pixels = out.as_chunks_mut::<3>().0.iter_mut().zip(red).zip(green).zip(blue);
+        for (((pixel, &red), &green), &blue) in pixels {
+            *pixel = [red, green, blue];
+        }
     }
 }
 
@@ -124,24 +175,16 @@ pub(super) fn rgb_from_yuv420(planes: Planes<'_>, colour: ColourSpace) -> Result
         let (expected, got) = (need_y + 2 * need_uv, y.len() + u.len() + v.len());
         return Err(Error::ShortBuffer { format: "I420", width, height, expected, got });
     }
-    let weights = colour.weights();
     let mut pixels = vec![0; columns * rows * 3];
     if !pixels.is_empty() {
-        let mut tints = vec![[0; 3]; half_columns];
+        let mut buffers = Row::new(columns, colour.weights());
         for (row, out) in pixels.chunks_exact_mut(columns * 3).enumerate() {
             if row % 2 == 0 {
                 let start = row / 2 * uv_stride;
-                let chroma = u[start..start + half_columns].iter().zip(&v[start..start + half_columns]);
-                for (tint, (&cb, &cr)) in tints.iter_mut().zip(chroma) {
-                    *tint = weights.tint(cb, cr);
-                }
+                let chroma = start..start + half_columns;
+                buffers.set_chroma(u[chroma.clone()].iter().copied(), v[chroma].iter().copied());
             }
-            let luma = &y[row * y_stride..row * y_stride + columns];
-            for ((out, luma), &tint) in out.chunks_mut(6).zip(luma.chunks(2)).zip(&tints) {
-                for (out, &y) in out.as_chunks_mut::<3>().0.iter_mut().zip(luma) {
-                    *out = weights.pixel(y, tint);
-                }
-            }
+            buffers.convert(y[row * y_stride..row * y_stride + columns].iter().copied(), out);
         }
     }
     Ok(RgbImage::from_raw(width, height, pixels).unwrap_or_default())
@@ -165,16 +208,13 @@ pub fn rgb_from_yuyv(
     if bytes.len() < needed || stride < row_bytes {
         return Err(Error::ShortBuffer { format: "YUYV", width, height, expected: needed, got: bytes.len() });
     }
-    let weights = colour.weights();
     let mut pixels = vec![0; columns * rows * 3];
     if !pixels.is_empty() {
+        let mut buffers = Row::new(columns, colour.weights());
         for (out, row) in pixels.chunks_exact_mut(columns * 3).zip(bytes.chunks_exact(stride)) {
-            for (out, &[y0, cb, y1, cr]) in out.chunks_mut(6).zip(row.as_chunks::<4>().0) {
-                let tint = weights.tint(cb, cr);
-                for (out, y) in out.as_chunks_mut::<3>().0.iter_mut().zip([y0, y1]) {
-                    *out = weights.pixel(y, tint);
-                }
-            }
+            let pairs = row.as_chunks::<4>().0;
+            buffers.set_chroma(pairs.iter().map(|pair| pair[1]), pairs.iter().map(|pair| pair[3]));
+            buffers.convert(row.as_chunks::<2>().0.iter().map(|pair| pair[0]), out);
         }
     }
     Ok(RgbImage::from_raw(width, height, pixels).unwrap_or_default())
@@ -182,14 +222,12 @@ pub fn rgb_from_yuyv(
 
 #[cfg(test)]
 mod tests {
-    #![expect(clippy::unwrap_used, reason = "tests")]
-
     use proptest::prelude::*;
 
     use super::*;
 
-    /// Rounding to a whole number, and weights that are off by 2^-17 each for values up to 255.
-    const TOLERANCE: f64 = 0.5 + 3.0 * 255.0 / 131_072.0;
+    /// Rounding to a whole number; one unit of the sixth fractional bit lost in luma and a half in chroma; rounded weights.
+    const TOLERANCE: f64 = 0.5 + 1.5 / 64.0 + 0.02;
 
     /// The header's formula in floating point.
     fn reference(y: u8, cb: u8, cr: u8, colour: ColourSpace) -> [f64; 3] {

@@ -328,8 +328,6 @@ fn reduced(image: &RgbImage, n: u32) -> RgbImage {
 
 #[cfg(test)]
 mod tests {
-    #![expect(clippy::unwrap_used, reason = "tests")]
-
     use image::Rgb;
 
     use super::super::sample::PixelPoint;

@@ -1,32 +1,45 @@
-//! The queue between the loops and the writing thread.
+//! The queue between the loops and the recording threads.
 //!
 //! Two bounded lanes, pictures and everything else. Putting something in never waits: a full picture lane gives up its oldest picture, a full data
-//! lane refuses the newcomer, and both are counted. The writer empties the data lane first, so pictures are what suffers first.
+//! lane refuses the newcomer, and both are counted. Pictures leave their lane to be compressed and come back as messages, so
+//! that compressing one never holds up the writer.
 
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
+use super::encode::Encoded;
 use super::sample::{Sample, Stamped};
 
-#[derive(Debug, Default)]
-struct Lanes {
-    data: VecDeque<Stamped>,
-    images: VecDeque<Stamped>,
-    dropped_data: u64,
-    dropped_images: u64,
-    closed: bool,
+/// Work for the writer.
+#[derive(Debug)]
+pub(super) enum Work {
+    /// To be encoded and written.
+    Sample(Stamped),
+    /// A compressed picture, to be written.
+    Picture(Duration, Vec<Encoded>),
 }
 
 /// What the writer finds.
 #[derive(Debug)]
 pub(super) enum Taken {
     /// Something to write.
-    Sample(Box<Stamped>),
+    Work(Work),
     /// Nothing within the time given.
     Nothing,
-    /// The queue is closed and empty.
+    /// The queue is closed and empty, and no picture is being compressed.
     Closed,
+}
+
+#[derive(Debug, Default)]
+struct Lanes {
+    data: VecDeque<Work>,
+    images: VecDeque<Stamped>,
+    pictures: VecDeque<(Duration, Vec<Encoded>)>,
+    compressing: bool,
+    dropped_data: u64,
+    dropped_images: u64,
+    closed: bool,
 }
 
 #[derive(Debug)]
@@ -49,35 +62,74 @@ impl Queue {
 
     pub(super) fn put(&self, stamped: Stamped) {
         let mut lanes = self.lock();
-        if lanes.closed {
-            lanes.dropped_data += 1;
-            return;
-        }
         if matches!(stamped.sample, Sample::Image { .. }) {
-            if lanes.images.len() >= self.image_capacity {
+            if lanes.closed || lanes.images.len() >= self.image_capacity {
                 lanes.images.pop_front();
                 lanes.dropped_images += 1;
             }
-            lanes.images.push_back(stamped);
-        } else if lanes.data.len() >= self.data_capacity {
+            if !lanes.closed {
+                lanes.images.push_back(stamped);
+            }
+        } else if lanes.closed || lanes.data.len() >= self.data_capacity {
             lanes.dropped_data += 1;
         } else {
-            lanes.data.push_back(stamped);
+            lanes.data.push_back(Work::Sample(stamped));
         }
         drop(lanes);
-        self.changed.notify_one();
+        self.changed.notify_all();
+    }
+
+    /// Work for the writer: data before pictures.
+    /// True while less than half of each lane is taken, or nobody reads any more.
+    pub(super) fn has_room(&self) -> bool {
+        let lanes = self.lock();
+        lanes.closed || (lanes.images.len() * 2 < self.image_capacity && lanes.data.len() * 2 < self.data_capacity)
     }
 
     pub(super) fn take(&self, timeout: Duration) -> Taken {
-        let nothing = |lanes: &mut Lanes| lanes.data.is_empty() && lanes.images.is_empty() && !lanes.closed;
+        let nothing = |lanes: &mut Lanes| {
+            lanes.data.is_empty()
+                && lanes.pictures.is_empty()
+                && (!lanes.closed || lanes.compressing || !lanes.images.is_empty())
+        };
         let (mut lanes, _) =
             self.changed.wait_timeout_while(self.lock(), timeout, nothing).unwrap_or_else(PoisonError::into_inner);
-        let sample = lanes.data.pop_front();
-        match sample.or_else(|| lanes.images.pop_front()) {
-            Some(sample) => Taken::Sample(Box::new(sample)),
-            None if lanes.closed => Taken::Closed,
+        if let Some(work) = lanes.data.pop_front() {
+            return Taken::Work(work);
+        }
+        match lanes.pictures.pop_front() {
+            Some((at, messages)) => Taken::Work(Work::Picture(at, messages)),
+            None if lanes.closed && !lanes.compressing && lanes.images.is_empty() => Taken::Closed,
             None => Taken::Nothing,
         }
+    }
+
+    /// A picture to compress; waits for one, and gives `None` once the queue is closed and its picture lane empty. Each picture must
+    /// come back through [`give_back`](Self::give_back).
+    pub(super) fn take_image(&self) -> Option<Stamped> {
+        let nothing = |lanes: &mut Lanes| lanes.images.is_empty() && !lanes.closed;
+        let mut lanes = self.changed.wait_while(self.lock(), nothing).unwrap_or_else(PoisonError::into_inner);
+        let image = lanes.images.pop_front();
+        lanes.compressing = image.is_some();
+        image
+    }
+
+    /// Returns a picture as messages, or `None` if it could not be compressed.
+    pub(super) fn give_back(&self, at: Duration, messages: Option<Vec<Encoded>>) {
+        let mut lanes = self.lock();
+        lanes.compressing = false;
+        match messages {
+            Some(messages) => {
+                if lanes.pictures.len() >= self.image_capacity {
+                    lanes.pictures.pop_front();
+                    lanes.dropped_images += 1;
+                }
+                lanes.pictures.push_back((at, messages));
+            }
+            None => lanes.dropped_images += 1,
+        }
+        drop(lanes);
+        self.changed.notify_all();
     }
 
     /// Closes the queue; what is in it can still be taken.
@@ -86,9 +138,11 @@ impl Queue {
         self.changed.notify_all();
     }
 
-    /// Counts a picture that was taken and could not be written.
-    pub(super) fn count_lost_image(&self) {
-        self.lock().dropped_images += 1;
+    /// Waits until the queue is closed, at most `timeout`; true if it is.
+    pub(super) fn wait_closed(&self, timeout: Duration) -> bool {
+        let open = |lanes: &mut Lanes| !lanes.closed;
+        let waited = self.changed.wait_timeout_while(self.lock(), timeout, open);
+        waited.unwrap_or_else(PoisonError::into_inner).0.closed
     }
 
     /// Dropped data and pictures so far.
@@ -117,20 +171,39 @@ mod tests {
 
     fn drain(queue: &Queue) -> Vec<u128> {
         let mut out = Vec::new();
-        while let Taken::Sample(stamped) = queue.take(Duration::ZERO) {
-            out.push(stamped.at.as_millis());
+        while let Taken::Work(work) = queue.take(Duration::ZERO) {
+            let (Work::Sample(Stamped { at, .. }) | Work::Picture(at, _)) = work;
+            out.push(at.as_millis());
         }
         out
     }
 
+    fn compress(queue: &Queue) {
+        let image = queue.take_image().unwrap();
+        queue.give_back(image.at, Some(Vec::new()));
+    }
+
     #[test]
-    fn data_comes_before_pictures_and_the_oldest_picture_goes_first() {
+    fn the_oldest_picture_is_given_up_and_data_comes_before_pictures() {
         let queue = Queue::new(4, 2);
         for ms in [1, 2, 3] {
             queue.put(image(ms));
         }
+        compress(&queue);
+        compress(&queue);
         queue.put(data(4));
         assert_eq!(drain(&queue), [4, 2, 3]);
+        assert_eq!(queue.dropped(), (0, 1));
+    }
+
+    #[test]
+    fn compressed_pictures_that_nobody_writes_are_given_up_too() {
+        let queue = Queue::new(4, 2);
+        for ms in [1, 2, 3] {
+            queue.put(image(ms));
+            compress(&queue);
+        }
+        assert_eq!(drain(&queue), [2, 3]);
         assert_eq!(queue.dropped(), (0, 1));
     }
 
@@ -148,10 +221,16 @@ mod tests {
     fn a_closed_queue_is_emptied_before_it_ends() {
         let queue = Queue::new(2, 1);
         queue.put(data(1));
+        queue.put(image(2));
         queue.close();
-        queue.put(data(2));
-        assert!(matches!(queue.take(Duration::ZERO), Taken::Sample(_)));
+        queue.put(data(3));
+        assert!(matches!(queue.take(Duration::ZERO), Taken::Work(_)));
+        assert!(matches!(queue.take(Duration::ZERO), Taken::Nothing));
+        let picture = queue.take_image().unwrap();
+        assert!(matches!(queue.take(Duration::ZERO), Taken::Nothing));
+        queue.give_back(picture.at, None);
+        assert!(queue.take_image().is_none());
         assert!(matches!(queue.take(Duration::ZERO), Taken::Closed));
-        assert_eq!(queue.dropped().0, 1);
+        assert_eq!(queue.dropped(), (1, 1));
     }
 }

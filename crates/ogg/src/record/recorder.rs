@@ -1,4 +1,7 @@
-//! The recording of a run: a handle for the loops, and one thread that encodes, writes and flushes.
+//! The recording of a run: a handle for the loops, and three threads behind it.
+//!
+//! The writer encodes and writes, and ends a chunk on time; pictures are compressed in a second thread and the disk is asked to keep its promise in a
+//! third, for either may take longer than a chunk may wait.
 
 use std::collections::BTreeMap;
 use std::fs::OpenOptions;
@@ -13,12 +16,12 @@ use mcap::McapError;
 
 use super::Error;
 use super::encode::Encoder;
-use super::queue::{Queue, Taken};
+use super::queue::{Queue, Taken, Work};
 use super::sample::{Sample, Stamped};
 use super::writer::{Compression, McapFile};
 
 /// Settings of a recording.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Copy)]
 #[non_exhaustive]
 pub struct RecorderOptions {
     /// Number of cameras in the rig; decides the topics of their pictures.
@@ -92,6 +95,8 @@ struct Shared {
     messages: AtomicU64,
     lost: AtomicU64,
     failed: AtomicBool,
+    /// What the disk thread found, for the writer to act on.
+    disk_failure: Mutex<Option<Failure>>,
     outcome: Mutex<Option<Result<u64, Failure>>>,
 }
 
@@ -117,6 +122,14 @@ impl RecordSink {
     /// Records a sample taken `at` this time since the start of the run.
     pub fn put(&self, at: Duration, sample: Sample) {
         self.shared.queue.put(Stamped { at, sample });
+    }
+
+    /// Waits until half of the queue is free: for work without a clock, which would otherwise outrun the disk. Returns at
+    /// once when the recording has ended.
+    pub fn wait_for_room(&self) {
+        while !self.shared.queue.has_room() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
     }
 
     /// Counts so far.
@@ -157,11 +170,11 @@ impl RecordSink {
 pub struct Recorder {
     path: PathBuf,
     sink: RecordSink,
-    thread: Option<JoinHandle<()>>,
+    threads: Vec<JoinHandle<()>>,
 }
 
 impl Recorder {
-    /// Makes the file (an existing one is not overwritten), writes facts, attachments and robot description, and starts the writing thread.
+    /// Makes the file (an existing one is not overwritten), writes facts, attachments and robot description, and starts the threads.
     ///
     /// # Errors
     ///
@@ -192,21 +205,40 @@ impl Recorder {
             messages: AtomicU64::new(file.messages()),
             lost: AtomicU64::new(0),
             failed: AtomicBool::new(false),
+            disk_failure: Mutex::new(None),
             outcome: Mutex::new(None),
         });
-        let theirs = Arc::clone(&shared);
-        let thread = thread::Builder::new()
-            .name("recorder".to_owned())
-            .spawn(move || {
-                let outcome = run(file, &theirs, &options, &disk);
-                if outcome.is_err() {
-                    theirs.failed.store(true, Ordering::Relaxed);
-                    discard(&theirs);
-                }
-                *theirs.outcome.lock().unwrap_or_else(PoisonError::into_inner) = Some(outcome);
-            })
-            .map_err(|source| Error::Spawn { source })?;
-        Ok(Self { path: path.to_owned(), sink: RecordSink { shared }, thread: Some(thread) })
+        let mut recorder =
+            Self { path: path.to_owned(), sink: RecordSink { shared: Arc::clone(&shared) }, threads: Vec::new() };
+        let encoder = Encoder {
+            cameras: options.cameras,
+            max_image_side_px: options.max_image_side_px,
+            jpeg_quality: options.jpeg_quality.clamp(1, 100),
+            start_unix_ns: options.start_unix_ns,
+        };
+        let (theirs, compressor) = (Arc::clone(&shared), encoder.clone());
+        recorder.start("recorder-images", move || compress(&compressor, &theirs.queue))?;
+        let (theirs, every, reserve) = (Arc::clone(&shared), options.sync_every, options.reserve_bytes);
+        let sync = Arc::new(disk);
+        let disk = Arc::clone(&sync);
+        recorder.start("recorder-disk", move || watch(&disk, &theirs, every, reserve))?;
+        recorder.start("recorder", move || {
+            let outcome = write_all(file, &encoder, &shared, options.flush_every)
+                .and_then(|messages| (sync.sync)().map(|()| messages).map_err(|error| McapError::from(error).into()));
+            if outcome.is_err() {
+                shared.failed.store(true, Ordering::Relaxed);
+                discard(&shared);
+            }
+            *shared.outcome.lock().unwrap_or_else(PoisonError::into_inner) = Some(outcome);
+        })?;
+        Ok(recorder)
+    }
+
+    fn start(&mut self, name: &str, work: impl FnOnce() + Send + 'static) -> Result<(), Error> {
+        let thread =
+            thread::Builder::new().name(name.to_owned()).spawn(work).map_err(|source| Error::Spawn { source })?;
+        self.threads.push(thread);
+        Ok(())
     }
 
     /// The handle to record with.
@@ -230,17 +262,19 @@ impl Recorder {
     }
 
     fn end(&mut self) -> Result<(), Error> {
-        let Some(thread) = self.thread.take() else { return Ok(()) };
+        if self.threads.is_empty() {
+            return Ok(());
+        }
         self.sink.shared.queue.close();
-        let joined = thread.join();
+        let panicked = self.threads.drain(..).map(JoinHandle::join).filter(Result::is_err).count() > 0;
         let outcome = self.sink.shared.outcome.lock().unwrap_or_else(PoisonError::into_inner).take();
-        match (joined, outcome) {
-            (Ok(()), Some(Ok(_))) => Ok(()),
-            (_, Some(Err(Failure::Write(source)))) => Err(Error::Write { path: self.path.clone(), source }),
-            (_, Some(Err(Failure::DiskFull { reserve_bytes, free_bytes }))) => {
+        match outcome {
+            Some(Err(Failure::Write(source))) => Err(Error::Write { path: self.path.clone(), source }),
+            Some(Err(Failure::DiskFull { reserve_bytes, free_bytes })) => {
                 Err(Error::DiskFull { path: self.path.clone(), reserve_bytes, free_bytes })
             }
-            (Err(_), _) | (_, None) => Err(Error::Panicked { path: self.path.clone() }),
+            Some(Ok(_)) if !panicked => Ok(()),
+            _ => Err(Error::Panicked { path: self.path.clone() }),
         }
     }
 }
@@ -270,55 +304,62 @@ fn begin<W: Write + Seek>(disk: W, options: &RecorderOptions, info: &RunInfo) ->
     Ok(file)
 }
 
-fn run<W: Write + Seek>(
+/// The writer: ends when the queue is closed and empty, or at the first failure.
+fn write_all<W: Write + Seek>(
     mut file: McapFile<W>,
+    encoder: &Encoder,
     shared: &Shared,
-    options: &RecorderOptions,
-    disk: &Disk,
+    flush_every: Duration,
 ) -> Result<u64, Failure> {
-    let encoder = Encoder {
-        cameras: options.cameras,
-        max_image_side_px: options.max_image_side_px,
-        jpeg_quality: options.jpeg_quality.clamp(1, 100),
-        start_unix_ns: options.start_unix_ns,
-    };
-    let (mut flushed, mut looked) = (Instant::now(), Instant::now());
+    let mut flushed = Instant::now();
     let mut waiting = false;
     loop {
-        match shared.queue.take(options.flush_every) {
-            Taken::Sample(stamped) => match encoder.encode(stamped.at, &stamped.sample) {
-                Ok(messages) => {
-                    let time_ns = encoder.log_time_ns(stamped.at);
-                    for message in &messages {
-                        file.write(time_ns, message)?;
-                    }
-                    shared.messages.store(file.messages(), Ordering::Relaxed);
-                    waiting = true;
-                }
-                // Only a picture of zero or absurd size cannot be encoded.
-                Err(_) => shared.queue.count_lost_image(),
-            },
-            Taken::Nothing => {}
-            Taken::Closed => {
-                let messages = file.finish()?;
-                (disk.sync)().map_err(McapError::from)?;
-                return Ok(messages);
+        let (at, messages) = match shared.queue.take(flush_every) {
+            Taken::Work(Work::Picture(at, messages)) => (at, messages),
+            // Only pictures can fail to encode.
+            Taken::Work(Work::Sample(stamped)) => {
+                (stamped.at, encoder.encode(stamped.at, &stamped.sample).unwrap_or_default())
             }
+            Taken::Nothing => (Duration::ZERO, Vec::new()),
+            Taken::Closed => return Ok(file.finish()?),
+        };
+        for message in &messages {
+            file.write(encoder.log_time_ns(at), message)?;
+            waiting = true;
         }
-        if waiting && flushed.elapsed() >= options.flush_every {
+        shared.messages.store(file.messages(), Ordering::Relaxed);
+        if waiting && flushed.elapsed() >= flush_every {
             file.flush()?;
             (flushed, waiting) = (Instant::now(), false);
         }
-        if looked.elapsed() >= options.sync_every {
-            (disk.sync)().map_err(McapError::from)?;
-            if let (Some(reserve_bytes), Some(free_bytes)) = (options.reserve_bytes, (disk.free_bytes)())
-                && free_bytes < reserve_bytes
-            {
-                file.finish()?;
-                return Err(Failure::DiskFull { reserve_bytes, free_bytes });
-            }
-            looked = Instant::now();
+        if let Some(failure) = shared.disk_failure.lock().unwrap_or_else(PoisonError::into_inner).take() {
+            file.finish()?;
+            return Err(failure);
         }
+    }
+}
+
+/// Compresses pictures until the queue is closed.
+fn compress(encoder: &Encoder, queue: &Queue) {
+    while let Some(stamped) = queue.take_image() {
+        // A picture of zero or absurd size cannot be encoded and counts as dropped.
+        queue.give_back(stamped.at, encoder.encode(stamped.at, &stamped.sample).ok());
+    }
+}
+
+/// Synchronises the file and looks at the free space, until the queue is closed or something is wrong.
+fn watch(disk: &Disk, shared: &Shared, every: Duration, reserve_bytes: Option<u64>) {
+    // A period of nothing would keep a core busy.
+    while !shared.queue.wait_closed(every.max(Duration::from_millis(1))) {
+        let failure = match ((disk.sync)(), reserve_bytes, (disk.free_bytes)()) {
+            (Err(error), ..) => Failure::Write(McapError::from(error)),
+            (Ok(()), Some(reserve_bytes), Some(free_bytes)) if free_bytes < reserve_bytes => {
+                Failure::DiskFull { reserve_bytes, free_bytes }
+            }
+            _ => continue,
+        };
+        *shared.disk_failure.lock().unwrap_or_else(PoisonError::into_inner) = Some(failure);
+        return;
     }
 }
 
@@ -326,7 +367,7 @@ fn run<W: Write + Seek>(
 fn discard(shared: &Shared) {
     loop {
         match shared.queue.take(Duration::from_secs(1)) {
-            Taken::Sample(_) => {
+            Taken::Work(_) => {
                 shared.lost.fetch_add(1, Ordering::Relaxed);
             }
             Taken::Nothing => {}
@@ -338,9 +379,9 @@ fn discard(shared: &Shared) {
 /// What the recording asks of the disk besides writing.
 struct Disk {
     /// Brings what was written to the disk.
-    sync: Box<dyn Fn() -> io::Result<()> + Send>,
+    sync: Box<dyn Fn() -> io::Result<()> + Send + Sync>,
     /// Bytes free to this user, where the system tells.
-    free_bytes: Box<dyn Fn() -> Option<u64> + Send>,
+    free_bytes: Box<dyn Fn() -> Option<u64> + Send + Sync>,
 }
 
 #[cfg(unix)]

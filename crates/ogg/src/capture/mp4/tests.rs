@@ -1,5 +1,3 @@
-#![expect(clippy::unwrap_used, reason = "tests")]
-
 use std::io::Cursor;
 
 use proptest::prelude::*;
@@ -22,8 +20,8 @@ fn malformed(bytes: &[u8]) -> Malformed {
 }
 
 /// Offset of a box's header, found by its four letters.
-fn position_of(bytes: &[u8], kind: &[u8; 4]) -> usize {
-    bytes.windows(4).position(|window| window == kind).unwrap() - 4
+fn position_of(bytes: &[u8], kind: [u8; 4]) -> usize {
+    bytes.windows(4).position(|window| *window == kind).unwrap() - 4
 }
 
 #[test]
@@ -82,7 +80,7 @@ fn a_file_cut_anywhere_is_an_error_at_a_place_inside_it() {
 
 #[test]
 fn a_cut_file_says_how_much_is_missing() {
-    let index = position_of(BFRAMES, b"moov");
+    let index = position_of(BFRAMES, *b"moov");
     let place = malformed(&BFRAMES[..index + 100]);
     assert_eq!(place.position, index as u64);
     assert_eq!(place.expected, format!("box 'moov' of {} bytes", BFRAMES.len() - index));
@@ -99,7 +97,7 @@ fn something_else_entirely_is_not_an_mp4() {
 }
 
 /// Overwrites a big-endian number `at` bytes after a box's header.
-fn with_u32(kind: &[u8; 4], at: usize, value: u32) -> Vec<u8> {
+fn with_u32(kind: [u8; 4], at: usize, value: u32) -> Vec<u8> {
     let mut bytes = BFRAMES.to_vec();
     let start = position_of(&bytes, kind) + 8 + at;
     bytes[start..start + 4].copy_from_slice(&value.to_be_bytes());
@@ -109,14 +107,14 @@ fn with_u32(kind: &[u8; 4], at: usize, value: u32) -> Vec<u8> {
 #[test]
 fn each_damaged_table_is_named() {
     let cases = [
-        (with_u32(b"stsz", 8, u32::MAX), "sample sizes: at most 24 entries of 4 bytes"),
-        (with_u32(b"stco", 4, 0), "chunks for 24 samples"),
-        (with_u32(b"stco", 8, 0xffff_0000), "video sample 0 of"),
-        (with_u32(b"stts", 8, 3), "decoding times for 24 samples"),
-        (with_u32(b"stsc", 8, 0), "a first chunk of 1"),
-        (with_u32(b"stsc", 16, 7), "sample description 1"),
-        (with_u32(b"mdhd", 12, 0), "a time scale of at least 1 tick per second"),
-        (with_u32(b"tkhd", 40, 0x8000), "a display matrix that turns by 0, 90, 180 or 270 degrees"),
+        (with_u32(*b"stsz", 8, u32::MAX), "sample sizes: at most 24 entries of 4 bytes"),
+        (with_u32(*b"stco", 4, 0), "chunks for 24 samples"),
+        (with_u32(*b"stco", 8, 0xffff_0000), "video sample 0 of"),
+        (with_u32(*b"stts", 8, 3), "decoding times for 24 samples"),
+        (with_u32(*b"stsc", 8, 0), "a first chunk of 1"),
+        (with_u32(*b"stsc", 16, 7), "sample description 1"),
+        (with_u32(*b"mdhd", 12, 0), "a time scale of at least 1 tick per second"),
+        (with_u32(*b"tkhd", 40, 0x8000), "a display matrix that turns by 0, 90, 180 or 270 degrees"),
     ];
     for (bytes, expected) in cases {
         let place = malformed(&bytes);
@@ -134,7 +132,7 @@ proptest! {
     ) {
         let mut bytes = if fragmented { FRAGMENTED } else { BFRAMES }.to_vec();
         // The index lies at the end of the plain file and around the pictures of the fragmented one.
-        let index = if fragmented { 0 } else { position_of(&bytes, b"moov") };
+        let index = if fragmented { 0 } else { position_of(&bytes, *b"moov") };
         let room = bytes.len() - index;
         for (at, value) in edits {
             bytes[index + at % room] = value;
