@@ -8,7 +8,7 @@ use std::path::PathBuf;
 #[non_exhaustive]
 pub enum Error {
     /// The operating system refused a read.
-    #[error("{}: cannot read: {source}", path.display())]
+    #[error("{}: cannot read: {source}; expected a video file, a directory of images or a camera", path.display())]
     Read {
         /// File, directory or device.
         path: PathBuf,

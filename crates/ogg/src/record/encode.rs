@@ -220,10 +220,11 @@ impl Encoder {
         let n = f64::from(divisor);
         let [fx, fy] = info.focal_px.map(|focal| focal / n);
         let [cx, cy] = info.centre_px.map(|centre| shifted(centre, n));
-        let model = if info.distortion.len() > 5 { "rational_polynomial" } else { "plumb_bob" };
+        let rational = info.distortion.iter().skip(5).any(|&k| k != 0.0);
+        let model = if rational { "rational_polynomial" } else { "plumb_bob" };
         let mut d = info.distortion.clone();
         // Viewers index the whole vector: five numbers for plumb_bob, eight for rational_polynomial.
-        d.resize(if d.len() > 5 { 8 } else { 5 }, 0.0);
+        d.resize(if rational { 8 } else { 5 }, 0.0);
         CameraCalibration {
             width: info.width_px / divisor,
             height: info.height_px / divisor,
@@ -361,6 +362,21 @@ mod tests {
         assert_eq!(small.k, [500.0, 0.0, 479.5, 0.0, 500.0, 269.5, 0.0, 0.0, 1.0]);
         assert_eq!(small.p, [500.0, 0.0, 479.5, 0.0, 0.0, 500.0, 269.5, 0.0, 0.0, 0.0, 1.0, 0.0]);
         assert_eq!((small.d.len(), small.distortion_model.as_str()), (5, "plumb_bob"));
+    }
+
+    #[test]
+    fn the_rational_model_is_named_only_where_it_is_used() {
+        let info = |distortion: &[f64]| CameraInfo {
+            width_px: 640,
+            height_px: 480,
+            focal_px: [500.0, 500.0],
+            centre_px: [319.5, 239.5],
+            distortion: distortion.to_vec(),
+        };
+        let plain = encoder(960).calibration(&info(&[0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]));
+        assert_eq!((plain.d.len(), plain.distortion_model.as_str()), (5, "plumb_bob"));
+        let rational = encoder(960).calibration(&info(&[0.1, 0.0, 0.0, 0.0, 0.0, 0.2]));
+        assert_eq!((rational.d.len(), rational.distortion_model.as_str()), (8, "rational_polynomial"));
     }
 
     #[test]

@@ -49,7 +49,7 @@ pub enum Error {
         path: PathBuf,
     },
     /// The file could not be read.
-    #[error("{}: cannot read the recording: {source}", path.display())]
+    #[error("{}: cannot read the recording: {source}; expected an MCAP file", path.display())]
     Read {
         /// The recording.
         path: PathBuf,
