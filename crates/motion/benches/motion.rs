@@ -2,7 +2,8 @@
 //! JSON document.
 //!
 //! `OGG_WRIST_CSV` names a table with columns `rsho_x` .. `rwri_z` in metres at 60 Hz; without
-//! it the rows of the recording say that they are left out. `OGG_BENCH_SEED` sets the seed.
+//! it the rows of the recording say that they are left out. `OGG_BENCH_SEED` sets the seed,
+//! `OGG_BENCH_SHARE` in (0, 1] runs that share of the cases.
 #![expect(clippy::print_stdout, reason = "the JSON document is the product of this program")]
 #![expect(clippy::disallowed_methods, reason = "a benchmark reads its clock and its environment")]
 
@@ -31,9 +32,10 @@ const PEER: &str = "rsruckig state-to-state each cycle, with target velocity";
 
 fn main() {
     let seed = std::env::var("OGG_BENCH_SEED").ok().and_then(|s| s.parse().ok()).unwrap_or(20_260_101);
+    let share: f64 = std::env::var("OGG_BENCH_SHARE").ok().and_then(|s| s.parse().ok()).unwrap_or(1.0);
     let mut rows = Vec::new();
-    for (name, kind, count) in [("random", Kind::Random, 5_000_000), ("hostile", Kind::Hostile, 1_000_000)] {
-        limit_rows(&mut rows, name, &cases::run(kind, count, seed), seed);
+    for (name, kind, count) in [("random", Kind::Random, 5_000_000.0), ("hostile", Kind::Hostile, 1_000_000.0)] {
+        limit_rows(&mut rows, name, &cases::run(kind, (share * count) as u64, seed), seed);
     }
     timing_row(&mut rows);
     let mut signals = Signal::synthetic();

@@ -37,8 +37,8 @@ pub(crate) enum Verdict {
 
 /// Share of a limit that counts as rounding, not as a violation to recover from.
 const ROUNDING: f64 = 1e-12;
-/// Halvings of the search interval of lambda; the rest, 2^-20 of the jerk limit, is invisible.
-const HALVINGS: u32 = 20;
+/// Halvings of the search interval of lambda; the rest is 2^-12 of the jerk limit.
+const HALVINGS: u32 = 12;
 
 /// One step of `span_s` seconds from `x` towards the jerk `wanted`.
 pub(crate) fn step(x: State, wanted: f64, span_s: f64, walls: &Walls) -> (State, Verdict) {

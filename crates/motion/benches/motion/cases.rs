@@ -120,10 +120,10 @@ fn start(rng: &mut ChaCha8Rng, l: &JointLimits) -> State {
 }
 
 fn step(rng: &mut ChaCha8Rng) -> Duration {
-    let micros = match rng.random_range(0..4) {
-        0 => 5_000,
-        1 => rng.random_range(1_000..5_000),
-        2 => rng.random_range(10..1_000),
+    let micros = match rng.random_range(0..10) {
+        0..3 => 5_000,
+        3..6 => rng.random_range(1_000..5_000),
+        6..9 => rng.random_range(10..1_000),
         _ => rng.random_range(5_000..50_000),
     };
     Duration::from_micros(micros)
@@ -165,10 +165,10 @@ fn hostile_target(rng: &mut ChaCha8Rng, l: &JointLimits, x: &State, flip: bool) 
 
 fn case(kind: Kind, rng: &mut ChaCha8Rng) -> Tally {
     let joints = if kind == Kind::Hostile && rng.random_bool(0.3) { 2 } else { 1 };
-    let ticks = if kind == Kind::Hostile { 48 } else { 12 };
+    let ticks = if kind == Kind::Hostile { 16 } else { 8 };
     let limits: Vec<JointLimits> = (0..joints).map(|_| limits(rng)).collect();
     let starts: Vec<State> = limits.iter().map(|l| start(rng, l)).collect();
-    let mut params = params(limits.clone(), log_uniform(rng, 5.0, 150.0));
+    let mut params = params(limits.clone(), log_uniform(rng, 5.0, 80.0));
     if joints > 1 {
         params.synchronisation = Synchronisation::Straight;
     }
