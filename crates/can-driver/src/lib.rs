@@ -1,5 +1,4 @@
 #![doc = include_str!("../README.md")]
-#![allow(clippy::neg_cmp_op_on_partial_ord, reason = "checks are written so that not-a-number fails them")]
 
 mod bus;
 mod candump;

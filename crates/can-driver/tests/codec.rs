@@ -84,7 +84,7 @@ fn frames_equal_bytes_laid_out_by_hand() {
     let low40 = 4 | 0b0101 << 4 | 2 << 8 | 17 << 16 | 4 << 24 | 31 << 32;
     assert_eq!(protocol.encode(&Counted { message: status, counter: 9 }), by_hand(0x183, 0x1585, low40, 9));
     let config = one_of_each()[6];
-    let low40 = 19 | u64::from((-1_234_567_i32).cast_unsigned()) << 8;
+    let low40 = 0x13 | u64::from((-1_234_567_i32).cast_unsigned()) << 8;
     assert_eq!(protocol.encode(&Counted { message: config, counter: 9 }), by_hand(0x601, 0x1506, low40, 9));
 }
 

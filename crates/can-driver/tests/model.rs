@@ -5,6 +5,7 @@
 
 mod common;
 
+use std::fmt::Write as _;
 use std::time::Duration;
 
 use can_driver::{
@@ -13,6 +14,7 @@ use can_driver::{
 use proptest::prelude::*;
 
 const US: Duration = Duration::from_micros(1);
+const NOW: Duration = Duration::ZERO;
 
 fn id(raw: u16) -> Id {
     Id::new(raw).unwrap()
@@ -44,7 +46,7 @@ fn faults(node: &mut SimNode, now: Duration) -> Vec<BusFault> {
 fn bits_as_text(frame: &Frame) -> usize {
     let mut text = format!("0{:011b}000{:04b}", frame.id().raw(), frame.data().len());
     for byte in frame.data() {
-        text += &format!("{byte:08b}");
+        write!(text, "{byte:08b}").unwrap();
     }
     let mut rest: Vec<u8> = text.bytes().map(|b| b - b'0').chain([0; 15]).collect();
     let divisor: Vec<u8> = format!("{:016b}", 0xC599).bytes().map(|b| b - b'0').collect();
@@ -89,11 +91,11 @@ fn the_lowest_identifier_wins_when_the_bus_falls_idle() {
     let bus = SimBus::new(SimBusParams::default()).unwrap();
     let (mut a, mut b, mut c) = (bus.node(4), bus.node(4), bus.node(4));
     let frame = |raw| Frame::full(id(raw), [0x55; 8]);
-    send(&mut a, 0 * US, frame(0x300)); // takes the idle bus
-    send(&mut a, 10 * US, frame(0x200));
-    send(&mut b, 20 * US, frame(0x100));
-    send(&mut b, 20 * US, frame(0x050)); // behind 0x100 in its node's queue
-    let order: Vec<u16> = frames(&mut c, 1000 * US).iter().map(|(_, f)| f.id().raw()).collect();
+    send(&mut a, NOW, frame(0x300)); // takes the idle bus
+    send(&mut a, 1NOW, frame(0x200));
+    send(&mut b, 2NOW, frame(0x100));
+    send(&mut b, 2NOW, frame(0x050)); // behind 0x100 in its node's queue
+    let order: Vec<u16> = frames(&mut c, 100NOW).iter().map(|(_, f)| f.id().raw()).collect();
     assert_eq!(order, [0x300, 0x100, 0x050, 0x200]);
 }
 
@@ -102,9 +104,9 @@ fn a_frame_arrives_after_its_bits() {
     let bus = SimBus::new(SimBusParams { bit_rate: 500_000, ..Default::default() }).unwrap();
     let (mut a, mut b) = (bus.node(4), bus.node(4));
     let frame = Frame::full(id(0x123), [0x55; 8]);
-    send(&mut a, 100 * US, frame);
+    send(&mut a, 10NOW, frame);
     let bits = frame_bits(&frame, Stuffing::Exact);
-    assert_eq!(frames(&mut b, 1000 * US), [(100 * US + 2 * US * bits, frame)]);
+    assert_eq!(frames(&mut b, 100NOW), [(10NOW + 2 * US * bits, frame)]);
 }
 
 #[test]
@@ -112,20 +114,20 @@ fn a_full_queue_refuses_and_forgets_nothing() {
     let bus = SimBus::new(SimBusParams::default()).unwrap();
     let (mut a, mut b) = (bus.node(4), bus.node(4));
     let frame = Frame::full(id(0x123), [0x55; 8]);
-    bus.stall(0 * US, 10_000 * US);
-    let taken = (0..10).filter(|_| a.send(0 * US, &frame).unwrap() == SendOutcome::Sent).count();
+    bus.stall(NOW, 10_00NOW);
+    let taken = (0..10).filter(|_| a.send(NOW, &frame).unwrap() == SendOutcome::Sent).count();
     assert_eq!(taken, 4);
     assert_eq!(frames(&mut b, 9_999 * US).len(), 0);
-    assert_eq!(frames(&mut b, 20_000 * US).len(), 4);
+    assert_eq!(frames(&mut b, 20_00NOW).len(), 4);
 }
 
 #[test]
 fn nobody_acknowledging_ends_in_error_passive_and_never_in_bus_off() {
     let bus = SimBus::new(SimBusParams::default()).unwrap();
     let (mut a, mut b) = (bus.node(4), bus.node(4));
-    b.set_power(0 * US, false);
+    b.set_power(NOW, false);
     let frame = Frame::full(id(0x123), [0x55; 8]);
-    send(&mut a, 0 * US, frame);
+    send(&mut a, NOW, frame);
     let seen = faults(&mut a, Duration::from_secs(1));
     assert!(seen.contains(&BusFault::NoAcknowledge) && seen.contains(&BusFault::Passive), "{seen:?}");
     assert!(!seen.contains(&BusFault::Off));
@@ -140,14 +142,14 @@ fn a_disturbed_bus_ends_in_bus_off_until_restarted() {
     let bus = SimBus::new(SimBusParams { faults: faulty, ..Default::default() }).unwrap();
     let (mut a, mut b) = (bus.node(4), bus.node(4));
     let frame = Frame::full(id(0x123), [0x55; 8]);
-    send(&mut a, 0 * US, frame);
-    assert_eq!(faults(&mut a, 100_000 * US), [BusFault::Warning, BusFault::Passive, BusFault::Off]);
+    send(&mut a, NOW, frame);
+    assert_eq!(faults(&mut a, 100_00NOW), [BusFault::Warning, BusFault::Passive, BusFault::Off]);
     assert_eq!(bus.load().errors, 32); // 256 / 8
-    assert_eq!(a.send(100_000 * US, &frame).unwrap(), SendOutcome::Full);
+    assert_eq!(a.send(100_00NOW, &frame).unwrap(), SendOutcome::Full);
     bus.set_faults(Faults::default());
-    a.restart(200_000 * US);
-    send(&mut a, 200_000 * US, frame);
-    assert_eq!(frames(&mut b, 300_000 * US).len(), 1);
+    a.restart(200_00NOW);
+    send(&mut a, 200_00NOW, frame);
+    assert_eq!(frames(&mut b, 300_00NOW).len(), 1);
 }
 
 #[test]
@@ -166,7 +168,7 @@ fn faults_come_as_often_as_asked_and_from_the_seed() {
         let frame = Frame::full(id(0x123), [0x55; 8]);
         let mut got = Vec::new();
         for k in 0..20_000_u32 {
-            let now = k * 1000 * US;
+            let now = k * 100NOW;
             send(&mut a, now, frame);
             got.extend(frames(&mut b, now));
         }

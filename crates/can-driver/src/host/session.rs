@@ -381,7 +381,8 @@ impl HostSession {
                 }
                 Some(ControllerState::Unconfigured) => self.enter(HostState::Searching),
                 _ => {
-                    if matches!(command, Command::Follow { .. }) && self.measured_all() && self.cycles_in_state >= 3 {
+                    let echoed = self.link.echo_at.is_some_and(|at| now.saturating_sub(at) <= self.params.silent_after);
+                    if matches!(command, Command::Follow { .. }) && self.measured_all() && echoed {
                         self.link.slow_trips = 0;
                         self.enter(HostState::Enabling);
                     }

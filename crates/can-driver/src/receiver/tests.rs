@@ -108,10 +108,10 @@ impl World {
             self.deliver(set);
         }
         let slot = set as usize % (LATE_CYCLES + 1);
-        if fate != Fate::Late || self.late[slot] != Some(set) {
-            if let Some(late) = self.late[slot].take() {
-                self.deliver(late);
-            }
+        if self.late[slot].is_some_and(|late| late != set)
+            && let Some(late) = self.late[slot].take()
+        {
+            self.deliver(late);
         }
         self.number += 1;
     }

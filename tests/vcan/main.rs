@@ -1,0 +1,88 @@
+//! Tests on a real SocketCAN interface.
+//!
+//! `cargo xtask vcan-test` runs them, natively or in a guest kernel (see `README.md`). Without an
+//! interface they say so and pass, unless `OGG_REQUIRE_VCAN=1`, which the command above sets.
+
+#![expect(clippy::unwrap_used, reason = "tests")]
+
+mod exchange;
+mod judges;
+mod kill;
+mod processes;
+mod program;
+mod socket;
+mod speed;
+
+use std::path::PathBuf;
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+use can_driver::{Filter, Frame, Id, SocketCan};
+
+/// An interface for one test alone, or `None` where there is no CAN.
+///
+/// # Panics
+/// If `OGG_REQUIRE_VCAN=1` and there is none.
+fn interface(number: usize) -> Option<String> {
+    let name = format!("vcan{number}");
+    match SocketCan::open(&name, Filter::All, 65_536) {
+        Ok(_) => Some(name),
+        Err(e) => {
+            let required = std::env::var_os("OGG_REQUIRE_VCAN").is_some_and(|v| v == "1");
+            assert!(!required, "{name} is required: {e}");
+            eprintln!("SKIPPED: {e} (cargo xtask vcan-test brings a kernel with vcan)");
+            None
+        }
+    }
+}
+
+/// A number from the environment.
+fn setting(name: &str, default: f64) -> f64 {
+    std::env::var(name).ok().map_or(default, |text| text.parse().unwrap_or_else(|e| panic!("{name}={text}: {e}")))
+}
+
+/// A program that `cargo xtask vcan-test` has made ready.
+///
+/// # Panics
+/// If it has not.
+fn prepared(variable: &str) -> PathBuf {
+    PathBuf::from(std::env::var_os(variable).unwrap_or_else(|| panic!("{variable} is set by cargo xtask vcan-test")))
+}
+
+/// A child process that does not outlive its test.
+struct Process(Child);
+
+impl Process {
+    fn start(command: &mut Command) -> Self {
+        Self(command.stdin(Stdio::null()).spawn().unwrap_or_else(|e| panic!("{command:?}: {e}")))
+    }
+
+    /// SIGKILL.
+    fn kill(&mut self) {
+        self.0.kill().unwrap();
+        self.0.wait().unwrap();
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        // It may have ended by itself.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// One of the programs of `peer.rs`.
+fn peer(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_vcan-peer"));
+    command.args(arguments);
+    command
+}
+
+fn frame(id: u16, data: &[u8]) -> Frame {
+    Frame::new(Id::new(id).unwrap(), data).unwrap()
+}
+
+fn pause(time: Duration) {
+    std::thread::sleep(time);
+}
