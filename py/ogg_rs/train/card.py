@@ -29,7 +29,14 @@ limits = ""
 """
 
 
-def text(name: str, file: str, sha256: str, size: tuple[int, int], skeleton: Skeleton, about: str) -> str:
+PEAK_THRESHOLD = 0.1
+"""Floor of OpenPose's decoder. A small network answers weakly beside its joints: its floor belongs between the highest
+false peak and the lowest true one."""
+
+
+def text(
+    name: str, file: str, sha256: str, size: tuple[int, int], skeleton: Skeleton, about: str, peak_threshold: float
+) -> str:
     """The whole card. `about` is the text from `[about]` on."""
     normalise = Normalisation()
     three = ", ".join
@@ -64,6 +71,7 @@ def text(name: str, file: str, sha256: str, size: tuple[int, int], skeleton: Ske
             "",
             "[openpose]",
             f"stride = {STRIDE}",
+            f"peak_threshold = {peak_threshold}",
             'layout = "nchw"',
             f'pcm = {{ output = "pcm", first = 0, channels = {skeleton.part_maps} }}',
             f'paf = {{ output = "paf", first = 0, channels = {skeleton.field_maps} }}',
@@ -77,10 +85,18 @@ def text(name: str, file: str, sha256: str, size: tuple[int, int], skeleton: Ske
     )
 
 
-def write(path: Path, file: Path, sha256: str, size: tuple[int, int], skeleton: Skeleton) -> None:
+def write(
+    path: Path,
+    file: Path,
+    sha256: str,
+    size: tuple[int, int],
+    skeleton: Skeleton,
+    *,
+    peak_threshold: float = PEAK_THRESHOLD,
+) -> None:
     """Writes or renews the card of an exported network."""
     about = ABOUT
     if path.is_file():
         _, mark, rest = path.read_text().partition("[about]")
         about = mark + rest if mark else ABOUT
-    path.write_text(text(file.stem, file.name, sha256, size, skeleton, about))
+    path.write_text(text(file.stem, file.name, sha256, size, skeleton, about, peak_threshold))

@@ -65,6 +65,7 @@ def parser() -> argparse.ArgumentParser:
     export.add_argument("--run", type=Path, required=True, help="the --out folder of fit")
     export.add_argument("--out", type=Path, required=True, help="file to write")
     export.add_argument("--card", type=Path, help="model card to write or renew; its [about] section is kept")
+    export.add_argument("--peak-threshold", type=float, default=0.1, help="card: smallest map value that is a joint")
 
     evaluate = commands.add_parser("eval", help="PCK and pixel errors of an exported network on a data set")
     evaluate.add_argument("--model", type=Path, required=True)

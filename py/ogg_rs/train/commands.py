@@ -95,7 +95,8 @@ def write_onnx(options: argparse.Namespace) -> None:
     options.out.parent.mkdir(parents=True, exist_ok=True)
     digest = export(network, tuple(about["size"]), options.out, metadata=metadata)
     if options.card:
-        card.write(options.card, options.out, digest, tuple(about["size"]), skeleton)
+        size = tuple(about["size"])
+        card.write(options.card, options.out, digest, size, skeleton, peak_threshold=options.peak_threshold)
     print(f"{options.out}: {options.out.stat().st_size} bytes, sha256 {digest}")
 
 
