@@ -1,5 +1,3 @@
-use std::path::PathBuf;
-
 /// What the simulator refuses or cannot do.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -25,13 +23,25 @@ pub enum Error {
     /// A camera that cannot be.
     #[error("camera: {0}")]
     Camera(#[from] kin::Error),
-    /// A file could not be read or written.
-    #[error("{path}: {source}")]
-    File {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
+    /// A list has another length than the robot has joints.
+    #[error("joints: expected {expected} values, got {got}")]
+    JointCount {
+        /// Number of joints.
+        expected: usize,
+        /// Number of values.
+        got: usize,
+    },
+    /// The robot has a joint that copies another one, which the plant does not model.
+    #[error("joint {joint}: mimic joints cannot be simulated")]
+    Mimic {
+        /// Name of the joint.
+        joint: String,
+    },
+    /// A moving joint carries nothing that has a mass.
+    #[error("joint {joint}: the links it carries have no mass, expected more than 0 kg")]
+    Massless {
+        /// Name of the joint.
+        joint: String,
     },
 }
 

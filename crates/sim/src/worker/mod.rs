@@ -184,7 +184,7 @@ impl Worker {
         };
         let right = d.right_wrist + offset(5, [0.012, 0.012, 0.006]);
         let left = d.left_wrist + offset(8, [0.006, 0.006, 0.003]);
-        d.lean += 0.012 * wander(11) + 0.003 * (TAU * t_s / 4.1).sin();
+        d.lean += 0.012 * wander(11) + 0.003 * p.variation * (TAU * t_s / 4.1).sin();
         d.twist += 0.02 * wander(12);
         d.tilt += 0.012 * wander(13);
         d.swivel += 0.08 * wander(14);

@@ -3,6 +3,9 @@
 //! Steps and pulses have three continuous derivatives, the noise four, so that whatever is composed of them has a
 //! continuous jerk. Noise is a quintic B-spline over hashed lattice values: it can be asked at any time in any order.
 
+#[cfg(test)]
+mod tests;
+
 /// Maps `(seed, stream, index)` to a number in `[-1, 1)`; splitmix64 finaliser (Steele, Lea and Flood, 2014).
 pub(crate) fn hash_unit(seed: u64, stream: u64, index: i64) -> f64 {
     let mut z = seed
