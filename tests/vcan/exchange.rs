@@ -22,7 +22,11 @@ fn six_joints_at_500_hz_without_a_cycle_missed_by_our_code() {
     eprintln!(
         "500 Hz for {seconds} s: {} cycles, {ours} missed by our code, {} by late wake-ups, {} by other processes; \
          {processor_us:.0} us of processor time a cycle; longest undisturbed work {} us; round trip us {}",
-        count("cycles"), count("late_wakes"), count("held_up"), count("longest_work_us"), report["round_trip_us"],
+        count("cycles"),
+        count("late_wakes"),
+        count("held_up"),
+        count("longest_work_us"),
+        report["round_trip_us"],
     );
     eprintln!("lateness of wake-ups, us: {}", report["wake_late_us"]);
     let histogram = report["histogram_50us"].as_array().unwrap();

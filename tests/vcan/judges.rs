@@ -26,7 +26,7 @@ fn dbc_file(folder: &tempfile::TempDir) -> std::path::PathBuf {
 fn cantools_decodes_every_frame_of_a_run_to_the_values_of_the_codec() {
     let Some(name) = interface(3) else { return };
     let folder = tempfile::tempdir().unwrap();
-    let (report, log) = captured_run(&name, peer(&["controller", &name, "30"]), 200, 1.5);
+    let (report, log) = captured_run(&name, peer(&["controller", &name, "30"]), 200, 1.5, None);
     assert_eq!(report["state"], "Active", "{report}");
     let path = folder.path().join("run.log");
     std::fs::write(&path, &log).unwrap();

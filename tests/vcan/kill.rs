@@ -11,8 +11,7 @@ use can_driver::{
 
 use crate::{Process, interface, peer, setting};
 
-const LIMITS: JointLimits =
-    JointLimits { min_rad: -2.0, max_rad: 2.0, velocity_rad_s: 1.0, acceleration_rad_s2: 4.0 };
+const LIMITS: JointLimits = JointLimits { min_rad: -2.0, max_rad: 2.0, velocity_rad_s: 1.0, acceleration_rad_s2: 4.0 };
 const TICK: Duration = Duration::from_millis(1);
 
 /// A controller with an ideal arm, in this thread, on the wall clock.
@@ -122,7 +121,10 @@ fn a_killed_host_leaves_an_arm_at_rest_in_time_that_nobody_but_an_operator_wakes
         worst_margin_ms = worst_margin_ms.min(margin_s * 1e3);
         host.kill();
         arm.run(Duration::from_millis(110));
-        assert_eq!(arm.state(), (ControllerState::Latched, Some(StopCause::HostSilent)));
+        // A machine that keeps this thread from running for 100 ms is a cause of its own.
+        let (state, cause) = arm.state();
+        assert_eq!(state, ControllerState::Latched);
+        assert!(matches!(cause, Some(StopCause::HostSilent | StopCause::ControllerStalled)), "{cause:?}");
 
         // A new process without an operator moves nothing.
         let rest = arm.joints.clone();

@@ -1,8 +1,8 @@
 //! The processes of the vcan tests: a host that follows a sine, a controller with an ideal arm, and
 //! an echo.
 //!
-//! `vcan-peer host IFACE RATE_HZ SECONDS [reset]` prints `active` when the arm follows and a JSON
-//! report at its end; `vcan-peer controller IFACE SECONDS` runs at 1 kHz; `vcan-peer echo IFACE
+//! `vcan-peer host IFACE RATE_HZ SECONDS [reset | Q1,Q2,...]` prints `active` when the arm follows and
+//! a JSON report at its end; it resets a latched controller first, or works within 0.3 rad of the angles given; `vcan-peer controller IFACE SECONDS` runs at 1 kHz; `vcan-peer echo IFACE
 //! SECONDS` answers every frame with the next identifier.
 
 use std::error::Error;
@@ -16,18 +16,33 @@ use can_driver::{
 use nix::sys::resource::{UsageWho, getrusage};
 use nix::sys::time::TimeValLike as _;
 
-const LIMITS: JointLimits =
-    JointLimits { min_rad: -2.0, max_rad: 2.0, velocity_rad_s: 1.0, acceleration_rad_s2: 4.0 };
+const LIMITS: JointLimits = JointLimits { min_rad: -2.0, max_rad: 2.0, velocity_rad_s: 1.0, acceleration_rad_s2: 4.0 };
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
     match arguments.as_slice() {
-        ["host", interface, rate_hz, seconds] => host(interface, rate_hz.parse()?, seconds.parse()?, false),
-        ["host", interface, rate_hz, seconds, "reset"] => host(interface, rate_hz.parse()?, seconds.parse()?, true),
+        ["host", interface, rate_hz, seconds] => host(interface, rate_hz.parse()?, seconds.parse()?, false, &wide()),
+        ["host", interface, rate_hz, seconds, "reset"] => {
+            host(interface, rate_hz.parse()?, seconds.parse()?, true, &wide())
+        }
+        ["host", interface, rate_hz, seconds, centre] => {
+            let centre = centre.split(',').map(str::parse).collect::<Result<Vec<f64>, _>>()?;
+            let limits: Vec<JointLimits> = centre
+                .iter()
+                .map(|q| JointLimits {
+                    min_rad: q - 0.3,
+                    max_rad: q + 0.3,
+                    velocity_rad_s: 0.5,
+                    acceleration_rad_s2: 2.0,
+                })
+                .collect();
+            host(interface, rate_hz.parse()?, seconds.parse()?, false, &limits)
+        }
         ["controller", interface, seconds] => controller(interface, seconds.parse()?),
         ["echo", interface, seconds] => echo(interface, seconds.parse()?),
-        _ => Err("usage: vcan-peer host IFACE RATE_HZ SECONDS [reset] | controller IFACE SECONDS | echo IFACE SECONDS".into()),
+        _ => Err("usage: vcan-peer host IFACE RATE_HZ SECONDS [reset] | controller IFACE SECONDS | echo IFACE SECONDS"
+            .into()),
     }
 }
 
@@ -69,10 +84,23 @@ impl Histogram {
     }
 }
 
-fn host(interface: &str, rate_hz: u32, seconds: f64, reset: bool) -> Result<(), Box<dyn Error>> {
+fn wide() -> Vec<JointLimits> {
+    vec![LIMITS; 6]
+}
+
+fn host(
+    interface: &str,
+    rate_hz: u32,
+    seconds: f64,
+    reset: bool,
+    limits: &[JointLimits],
+) -> Result<(), Box<dyn Error>> {
+    // Half the way to a limit, at 0.6 of the velocity.
+    let reach_rad = limits.iter().map(|l| (l.max_rad - l.min_rad) / 4.0).fold(0.6, f64::min);
+    let rate_rad_s = limits.iter().map(|l| l.velocity_rad_s).fold(1.0, f64::min) * 0.6 / (reach_rad / 2.0);
     let cycle = Duration::from_secs(1) / rate_hz;
     let mut bus = SocketCan::open(interface, Filter::Only(&Protocol::IDS), 4096)?;
-    let mut session = HostSession::new(HostParams::standard(0, vec![LIMITS; 6], cycle))?;
+    let mut session = HostSession::new(HostParams::standard(0, limits.to_vec(), cycle))?;
     let mut rx: Vec<Event> = Vec::with_capacity(256);
     let mut histogram = Histogram { counts: [0; 101], worst: Duration::ZERO };
     let mut longest_work = Duration::ZERO;
@@ -100,7 +128,7 @@ fn host(interface: &str, rate_hz: u32, seconds: f64, reset: bool) -> Result<(), 
             let t = now.saturating_sub(since).as_secs_f64();
             for (w, from) in wanted.iter_mut().zip(before_active.iter().flatten()) {
                 // Towards zero and back, so that runs in a row stay inside the limits.
-                *w = from - from.signum() * 0.3 * (1.0 - (2.0 * t).cos());
+                *w = from - from.signum() * reach_rad / 2.0 * (1.0 - (rate_rad_s * t).cos());
             }
         }
         let out = session.tick(now, &rx, Command::Follow { position_rad: &wanted, speed_scale: 1.0 });
@@ -154,22 +182,22 @@ fn host(interface: &str, rate_hz: u32, seconds: f64, reset: bool) -> Result<(), 
     let link = session.link();
     let (state, cause) = (last_out.state, last_out.cause);
     report(serde_json::json!({
-            "state": format!("{state:?}"), "cause": cause.map(StopCause::code), "cause_text": cause.map(|c| c.to_string()),
-            "cycles": cycles, "late_wakes": late_wakes, "slow_cycles": slow_cycles, "held_up": held_up,
-            "processor_us_per_cycle": usage()?.0.as_secs_f64() * 1e6 / (link.sets_sent.max(1) as f64),
-            "longest_work_us": longest_work.as_micros() as u64,
-            "wake_late_us": {"p50": histogram.quantile_us(0.5), "p99": histogram.quantile_us(0.99),
-                "p999": histogram.quantile_us(0.999), "max": histogram.worst.as_micros() as u64},
-            "histogram_50us": histogram.counts.to_vec(),
-            "sets_sent": link.sets_sent, "sets_echoed": link.sets_echoed, "sets_unechoed": link.sets_unechoed,
-            "status_received": link.status_received, "status_lost": link.status_lost,
-            "feedback_incomplete": link.feedback_incomplete, "corrupt_frames": link.corrupt_frames,
-            "transmit_full": link.transmit_full,
-            "round_trip_us": {"min": link.round_trip_min.map(|d| d.as_micros() as u64),
-                "mean": link.round_trip_mean().map(|d| d.as_micros() as u64),
-                "max": link.round_trip_max.map(|d| d.as_micros() as u64)},
-            "implausible_stamps": bus.counts().implausible_stamps,
-        }));
+        "state": format!("{state:?}"), "cause": cause.map(StopCause::code), "cause_text": cause.map(|c| c.to_string()),
+        "cycles": cycles, "late_wakes": late_wakes, "slow_cycles": slow_cycles, "held_up": held_up,
+        "processor_us_per_cycle": usage()?.0.as_secs_f64() * 1e6 / (link.sets_sent.max(1) as f64),
+        "longest_work_us": longest_work.as_micros() as u64,
+        "wake_late_us": {"p50": histogram.quantile_us(0.5), "p99": histogram.quantile_us(0.99),
+            "p999": histogram.quantile_us(0.999), "max": histogram.worst.as_micros() as u64},
+        "histogram_50us": histogram.counts.to_vec(),
+        "sets_sent": link.sets_sent, "sets_echoed": link.sets_echoed, "sets_unechoed": link.sets_unechoed,
+        "status_received": link.status_received, "status_lost": link.status_lost,
+        "feedback_incomplete": link.feedback_incomplete, "corrupt_frames": link.corrupt_frames,
+        "transmit_full": link.transmit_full,
+        "round_trip_us": {"min": link.round_trip_min.map(|d| d.as_micros() as u64),
+            "mean": link.round_trip_mean().map(|d| d.as_micros() as u64),
+            "max": link.round_trip_max.map(|d| d.as_micros() as u64)},
+        "implausible_stamps": bus.counts().implausible_stamps,
+    }));
     Ok(())
 }
 
@@ -182,12 +210,9 @@ fn controller(interface: &str, seconds: f64) -> Result<(), Box<dyn Error>> {
     let start = Instant::now();
     let mut due = tick;
     while start.elapsed().as_secs_f64() < seconds {
-        // Wakes for a frame or for the tick, whichever comes first.
-        bus.wait(due.saturating_sub(start.elapsed()))?;
+        std::thread::sleep(due.saturating_sub(start.elapsed()));
         let now = start.elapsed();
-        if now >= due {
-            due = now + tick;
-        }
+        due = now + tick;
         drain(&mut bus, now, &mut rx)?;
         let out = controller.tick(now, &rx, &joints);
         let _ = transmit(&mut bus, now, &out.tx)?;

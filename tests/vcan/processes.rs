@@ -10,8 +10,14 @@ use serde_json::Value;
 use crate::{Process, interface, pause, peer, prepared};
 
 /// Runs host and controller for some seconds, with candump beside them; gives the host's report
-/// and the log.
-pub(crate) fn captured_run(name: &str, mut controller: Command, rate_hz: u32, seconds: f64) -> (Value, String) {
+/// and the log. `centre` are angles that the host stays near.
+pub(crate) fn captured_run(
+    name: &str,
+    mut controller: Command,
+    rate_hz: u32,
+    seconds: f64,
+    centre: Option<&str>,
+) -> (Value, String) {
     let folder = tempfile::tempdir().unwrap();
     let log = folder.path().join("candump.log");
     let candump = Command::new(prepared("VCAN_TOOLS").join("candump"))
@@ -23,7 +29,7 @@ pub(crate) fn captured_run(name: &str, mut controller: Command, rate_hz: u32, se
     let mut candump = Process(candump);
     let mut controller = Process::start(&mut controller);
     pause(Duration::from_millis(300));
-    let output = peer(&["host", name, &rate_hz.to_string(), &seconds.to_string()]).output().unwrap();
+    let output = peer(&["host", name, &rate_hz.to_string(), &seconds.to_string()]).args(centre).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     pause(Duration::from_millis(100));
     controller.kill();
@@ -54,7 +60,7 @@ fn decoded(log: &str) -> std::collections::BTreeMap<u16, usize> {
 fn a_host_and_a_controller_process_exchange_whole_sets_while_candump_listens() {
     let Some(name) = interface(1) else { return };
     let controller = peer(&["controller", &name, "30"]);
-    let (report, log) = captured_run(&name, controller, 200, 2.0);
+    let (report, log) = captured_run(&name, controller, 200, 2.0, None);
     assert_eq!(report["state"], "Active", "{report}");
     assert_eq!(report["corrupt_frames"], 0, "{report}");
     assert_eq!(report["transmit_full"], 0, "{report}");
@@ -62,7 +68,8 @@ fn a_host_and_a_controller_process_exchange_whole_sets_while_candump_listens() {
     let sets = counts[&0x103];
     assert!(sets >= 300, "{counts:?}");
     // The log may begin or end inside a set.
-    for (id, whole) in [(0x100, 0x103), (0x101, 0x103), (0x102, 0x103), (0x180, 0x183), (0x181, 0x183), (0x182, 0x183)] {
+    for (id, whole) in [(0x100, 0x103), (0x101, 0x103), (0x102, 0x103), (0x180, 0x183), (0x181, 0x183), (0x182, 0x183)]
+    {
         assert!(counts[&id].abs_diff(counts[&whole]) <= 1, "{counts:?}");
     }
 }

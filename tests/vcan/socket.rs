@@ -75,7 +75,9 @@ fn fd_frames_cross_beside_classic_ones() {
     let _ = a.send_fd(&FdFrame::new(id, &data, true).unwrap()).unwrap();
     let _ = a.send(Duration::ZERO, &frame(0x10, &[1])).unwrap();
     pause(Duration::from_millis(2));
-    assert!(matches!(b.receive(Duration::from_secs(1)).unwrap(), Some(Event::Frame(s)) if s.frame == frame(0x10, &[1])));
+    assert!(
+        matches!(b.receive(Duration::from_secs(1)).unwrap(), Some(Event::Frame(s)) if s.frame == frame(0x10, &[1]))
+    );
     assert_eq!(b.counts().fd_ignored, 1);
 }
 
@@ -109,7 +111,9 @@ fn twenty_nine_bit_identifiers_and_remote_frames_are_passed_over() {
         assert!(status.success(), "{text}");
     }
     pause(Duration::from_millis(5));
-    assert!(matches!(b.receive(Duration::from_secs(1)).unwrap(), Some(Event::Frame(s)) if s.frame == frame(0x123, &[0xAB])));
+    assert!(
+        matches!(b.receive(Duration::from_secs(1)).unwrap(), Some(Event::Frame(s)) if s.frame == frame(0x123, &[0xAB]))
+    );
     assert_eq!(b.counts().unsupported, 2);
 }
 

@@ -178,6 +178,9 @@ fn run(script: &[u8], seen: &mut Seen) {
     }
 }
 
+/// Size of the kept corpus.
+const MOST_SCRIPTS: usize = 64;
+
 fn corpus_folder() -> PathBuf {
     PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/corpus"))
 }
@@ -337,15 +340,22 @@ fn grow_the_corpus() {
             corpus.push(script);
         }
     });
-    // From the last found to the first, what adds nothing is left out.
+    // The scripts that reach most, one after the other, until the rest adds little.
+    let mut reached: Vec<(Seen, Vec<u8>)> = Vec::new();
+    for script in corpus {
+        let mut seen = Seen::new();
+        run(&script, &mut seen);
+        reached.push((seen, script));
+    }
+    for old in std::fs::read_dir(corpus_folder()).unwrap() {
+        std::fs::remove_file(old.unwrap().path()).unwrap();
+    }
     let mut kept = Seen::new();
-    let mut number = 0;
-    for script in corpus.iter().rev() {
-        let before = kept.len();
-        run(script, &mut kept);
-        if kept.len() >= before + 2 {
-            std::fs::write(corpus_folder().join(format!("script-{number:03}")), script).unwrap();
-            number += 1;
-        }
+    for number in 0..MOST_SCRIPTS {
+        let gain = |(seen, _): &(Seen, Vec<u8>)| seen.difference(&kept).count();
+        let Some(best) = (0..reached.len()).max_by_key(|i| gain(&reached[*i])) else { break };
+        let (seen, script) = reached.swap_remove(best);
+        kept.extend(seen);
+        std::fs::write(corpus_folder().join(format!("script-{number:02}")), script).unwrap();
     }
 }

@@ -3,7 +3,6 @@
 mod controller;
 mod log;
 mod monitor;
-mod plant;
 mod replay;
 
 use std::io::Write as _;
@@ -99,9 +98,7 @@ pub fn can(command: &CanCommand) -> Result<(), Error> {
             monitor::run(bus, dbc.as_deref(), *lines, &Until::new(*duration)?)
         }
         CanCommand::Log { bus, out, duration } => log::run(bus, out.as_deref(), &Until::new(*duration)?),
-        CanCommand::Replay { file, bus, speed, sender } => {
-            replay::run(file, bus, *speed, *sender, &Until::new(None)?)
-        }
+        CanCommand::Replay { file, bus, speed, sender } => replay::run(file, bus, *speed, *sender, &Until::new(None)?),
     }
 }
 
@@ -116,9 +113,7 @@ impl Until {
     fn new(seconds: Option<f64>) -> Result<Self, Error> {
         let limit = match seconds {
             None => None,
-            Some(s) => Some(
-                Duration::try_from_secs_f64(s).map_err(|e| Error::Usage(format!("--duration {s}: {e}")))?,
-            ),
+            Some(s) => Some(Duration::try_from_secs_f64(s).map_err(|e| Error::Usage(format!("--duration {s}: {e}")))?),
         };
         let signal = Arc::new(AtomicBool::new(false));
         let flag = Arc::clone(&signal);
