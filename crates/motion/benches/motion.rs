@@ -67,7 +67,7 @@ fn limit_rows(rows: &mut Vec<Value>, name: &str, tally: &Tally, seed: u64) {
         ("position", "rad", worst.position),
         ("velocity", "rad/s", worst.velocity),
         ("acceleration", "rad/s^2", worst.acceleration),
-        ("jerk", "rad/s^3", worst.jerk),
+        ("jerk", "SI", worst.jerk),
         ("consistency", "SI", worst.consistency),
     ] {
         rows.push(json!({

@@ -199,6 +199,25 @@ mod tests {
         }
     }
 
+    /// Both ends are viable, but at v = 2 - a^2 / (2 J) only full jerk keeps the speed below 2.
+    #[test]
+    fn a_speed_above_the_limit_between_two_commands_is_seen() {
+        let start = State { position_rad: -0.5, velocity_rad_s: 1.9375, acceleration_rad_s2: 5.0 };
+        let end = start.after(-100.0, 0.15);
+        assert!(viable(start, &WALLS) && viable(end, &WALLS));
+        assert_eq!(walk(start, &[(0.15, -100.0)], &WALLS), None);
+    }
+
+    /// Both ends are viable; in between the joint would turn at 1.022.
+    #[test]
+    fn a_position_beyond_the_limit_between_two_commands_is_seen() {
+        let start = State { position_rad: 0.97, velocity_rad_s: 0.5, acceleration_rad_s2: 0.0 };
+        let pieces = [(0.2, -50.0), (0.1, 0.0)];
+        let end = pieces.iter().fold(start, |x, (t, j)| x.after(*j, *t));
+        assert!(viable(start, &WALLS) && viable(end, &WALLS));
+        assert_eq!(walk(start, &pieces, &WALLS), None);
+    }
+
     /// At full speed away from any wall the guard takes nothing away.
     #[test]
     fn far_from_all_limits_the_wanted_jerk_is_taken_as_it_is() {
