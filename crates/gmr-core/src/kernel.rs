@@ -26,23 +26,59 @@ const BLOCK: usize = 128;
 /// Blocks per unit of parallel work: 4096 samples, some hundred microseconds.
 const CHUNK_BLOCKS: usize = 32;
 
+/// Doubles that begin on a cache line, so that no register load straddles two.
+#[derive(Debug)]
+struct Aligned {
+    storage: Vec<f64>,
+    offset: usize,
+    len: usize,
+}
+
+impl Aligned {
+    fn zeros(len: usize) -> Self {
+        let storage = vec![0.0; len + LANES];
+        // The allocator aligns to eight bytes at least, so at most seven doubles are skipped.
+        let offset = storage.as_ptr().align_offset(64).min(LANES);
+        Self { storage, offset, len }
+    }
+}
+
+impl std::ops::Deref for Aligned {
+    type Target = [f64];
+
+    fn deref(&self) -> &[f64] {
+        &self.storage[self.offset..self.offset + self.len]
+    }
+}
+
+impl std::ops::DerefMut for Aligned {
+    fn deref_mut(&mut self) -> &mut [f64] {
+        &mut self.storage[self.offset..self.offset + self.len]
+    }
+}
+
+/// One number per sample of a block.
+#[derive(Debug, Clone, Copy)]
+#[repr(align(64))]
+struct Row([f64; BLOCK]);
+
 /// Samples in feature-major blocks, padded to whole lanes with weight zero.
 #[derive(Debug)]
 pub(crate) struct Blocks {
     len: usize,
     dim: usize,
-    values: Vec<f64>,
-    weights: Vec<f64>,
+    values: Aligned,
+    weights: Aligned,
     /// One more number per sample whose responsibility-weighted sum is wanted.
-    extra: Option<Vec<f64>>,
+    extra: Option<Aligned>,
 }
 
 impl Blocks {
     pub(crate) fn new(samples: &Samples<'_>, extra: Option<&[f64]>) -> Self {
         let (len, dim) = (samples.len(), samples.dim());
         let blocks = len.div_ceil(BLOCK);
-        let mut values = vec![0.0; blocks * dim * BLOCK];
-        let mut weights = vec![0.0; blocks * BLOCK];
+        let mut values = Aligned::zeros(blocks * dim * BLOCK);
+        let mut weights = Aligned::zeros(blocks * BLOCK);
         for (b, block) in values.chunks_exact_mut(dim * BLOCK).enumerate() {
             for lane in 0..BLOCK {
                 // Padding repeats the last sample, so that it is as ordinary as its neighbours.
@@ -56,8 +92,8 @@ impl Blocks {
             *w = samples.weight(i);
         }
         let extra = extra.map(|e| {
-            let mut padded = e.to_vec();
-            padded.resize(blocks * BLOCK, 0.0);
+            let mut padded = Aligned::zeros(blocks * BLOCK);
+            padded[..len].copy_from_slice(e);
             padded
         });
         Self { len, dim, values, weights, extra }
@@ -79,38 +115,7 @@ impl Blocks {
     /// Squared distance of each sample to its nearest centre and the index of that centre, for
     /// `centres: (k, d)`; `labels` and `distances` have one entry per sample.
     pub(crate) fn nearest(&self, centres: &[f64], labels: &mut [u32], distances: &mut [f64]) {
-        let dim = self.dim;
-        Arch::new().dispatch(
-            #[inline(always)]
-            || {
-                for b in 0..self.block_count() {
-                    let block = self.block(b);
-                    let mut best = [f64::INFINITY; BLOCK];
-                    let mut label = [0.0; BLOCK];
-                    for (k, centre) in centres.chunks_exact(dim).enumerate() {
-                        let mut distance = [0.0; BLOCK];
-                        for (x, c) in block.chunks_exact(BLOCK).zip(centre) {
-                            for (d, v) in distance.iter_mut().zip(x) {
-                                let z = v - c;
-                                *d = z.mul_add(z, *d);
-                            }
-                        }
-                        let index = k as f64;
-                        for ((d, l), best) in distance.iter().zip(&mut label).zip(&mut best) {
-                            let closer = *d < *best;
-                            *l = if closer { index } else { *l };
-                            *best = if closer { *d } else { *best };
-                        }
-                    }
-                    let range = b * BLOCK..self.len.min((b + 1) * BLOCK);
-                    let n = range.len();
-                    distances[range.clone()].copy_from_slice(&best[..n]);
-                    for (out, l) in labels[range].iter_mut().zip(&label) {
-                        *out = *l as u32;
-                    }
-                }
-            },
-        );
+        Arch::new().dispatch(Nearest { blocks: self, centres, labels, distances });
     }
 
     /// Sum of the samples of each label, with weights: `k` rows of `[weight, sum_1 .. sum_d]`.
@@ -128,6 +133,48 @@ impl Blocks {
             }
         }
         sums
+    }
+}
+
+struct Nearest<'a> {
+    blocks: &'a Blocks,
+    centres: &'a [f64],
+    labels: &'a mut [u32],
+    distances: &'a mut [f64],
+}
+
+impl WithSimd for Nearest<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { blocks, centres, labels, distances } = self;
+        for b in 0..blocks.block_count() {
+            let block = blocks.block(b);
+            let mut best = [f64::INFINITY; BLOCK];
+            let mut label = [0.0; BLOCK];
+            for (k, centre) in centres.chunks_exact(blocks.dim).enumerate() {
+                let mut distance = [0.0; BLOCK];
+                for (x, c) in block.chunks_exact(BLOCK).zip(centre) {
+                    for (d, v) in distance.iter_mut().zip(x) {
+                        let z = v - c;
+                        *d = z.mul_add(z, *d);
+                    }
+                }
+                let index = k as f64;
+                for ((d, l), best) in distance.iter().zip(&mut label).zip(&mut best) {
+                    let closer = *d < *best;
+                    *l = if closer { index } else { *l };
+                    *best = if closer { *d } else { *best };
+                }
+            }
+            let range = b * BLOCK..blocks.len.min((b + 1) * BLOCK);
+            let n = range.len();
+            distances[range.clone()].copy_from_slice(&best[..n]);
+            for (out, l) in labels[range].iter_mut().zip(&label) {
+                *out = *l as u32;
+            }
+        }
     }
 }
 
@@ -205,6 +252,13 @@ pub(crate) fn moments(blocks: &Blocks, components: Components<'_>, centres: &[f6
     total
 }
 
+/// `sum w ln p(x)`.
+pub(crate) fn log_likelihood(blocks: &Blocks, components: Components<'_>) -> f64 {
+    let (densities, _) = densities(blocks, components, false);
+    let weighted = densities.iter().zip(blocks.weights.iter()).filter(|(_, w)| **w > 0.0);
+    weighted.map(|(d, w)| w * d).sum()
+}
+
 /// Log density of each sample, `(n)`, and, if wanted, the responsibilities, `(n, k)`.
 pub(crate) fn densities(
     blocks: &Blocks,
@@ -232,19 +286,77 @@ pub(crate) fn densities(
 /// Buffers of one chunk.
 struct Scratch {
     /// Log densities, then responsibilities: `(k, BLOCK)`.
-    joint: Vec<f64>,
-    /// Centred samples with a row of ones, padded to whole tiles: `(p, BLOCK)`.
-    z: Vec<f64>,
-    /// The same, times responsibility.
-    rz: Vec<f64>,
+    joint: Aligned,
+    /// Centred samples `(d, BLOCK)`, for dimensions beyond the registers.
+    z: Aligned,
     /// Log density per sample.
-    density: [f64; BLOCK],
+    density: Row,
 }
 
 impl Scratch {
-    fn new(k: usize, p: usize) -> Self {
-        Self { joint: vec![0.0; k * BLOCK], z: vec![0.0; p * BLOCK], rz: vec![0.0; p * BLOCK], density: [0.0; BLOCK] }
+    fn new(k: usize, d: usize) -> Self {
+        Self { joint: Aligned::zeros(k * BLOCK), z: Aligned::zeros(d * BLOCK), density: Row([0.0; BLOCK]) }
     }
+}
+
+/// `|W (x - m)|^2` of one block for a small dimension, everything in registers; `G` registers of samples share
+/// each load of `W`.
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "must be compiled inside the caller's target features")]
+fn small_norms<S: Simd, const D: usize>(simd: S, block: &[f64], mean: &[f64], w: &[f64], out: &mut [f64]) {
+    const G: usize = 2;
+    let out = S::as_mut_simd_f64s(out).0;
+    let x: [&[S::f64s]; D] = std::array::from_fn(
+        #[inline(always)]
+        |j| &S::as_simd_f64s(&block[j * BLOCK..(j + 1) * BLOCK]).0[..out.len()],
+    );
+    let mean: &[f64; D] = mean.try_into().expect("one mean per dimension");
+    let mut first = 0;
+    // Lane counts divide eight and blocks are whole groups of eight samples, so with fewer than eight lanes the
+    // registers come in pairs; with eight, one may be left over.
+    while first + G <= out.len() {
+        let q = norms_of::<S, D, G>(simd, &x, first, mean, w);
+        out[first..first + G].copy_from_slice(&q);
+        first += G;
+    }
+    if first < out.len() {
+        out[first] = norms_of::<S, D, 1>(simd, &x, first, mean, w)[0];
+    }
+}
+
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "must be compiled inside the caller's target features")]
+fn norms_of<S: Simd, const D: usize, const G: usize>(
+    simd: S,
+    x: &[&[S::f64s]; D],
+    first: usize,
+    mean: &[f64; D],
+    w: &[f64],
+) -> [S::f64s; G] {
+    let zero = simd.splat_f64s(0.0);
+    let mut z = [[zero; G]; D];
+    for j in 0..D {
+        let m = simd.splat_f64s(mean[j]);
+        let x = &x[j][first..first + G];
+        for g in 0..G {
+            z[j][g] = simd.sub_f64s(x[g], m);
+        }
+    }
+    let mut total = [zero; G];
+    for i in 0..D {
+        let row = &w[i * D..(i + 1) * D];
+        let mut y = [zero; G];
+        for j in 0..=i {
+            let w = simd.splat_f64s(row[j]);
+            for g in 0..G {
+                y[g] = simd.mul_add_f64s(w, z[j][g], y[g]);
+            }
+        }
+        for g in 0..G {
+            total[g] = simd.mul_add_f64s(y[g], y[g], total[g]);
+        }
+    }
+    total
 }
 
 /// `total[g] += |W z|^2` for `G` consecutive registers of samples.
@@ -280,7 +392,7 @@ fn expectation<S: Simd>(simd: S, block: &[f64], lanes: usize, components: Compon
     let k = components.offsets.len();
     let dim = components.means.len() / k;
     let registers = lanes / S::F64_LANES;
-    let Scratch { joint, z, density, .. } = scratch;
+    let Scratch { joint, z, density: Row(density) } = scratch;
     for (c, joint) in joint.chunks_exact_mut(BLOCK).enumerate() {
         let mean = &components.means[c * dim..(c + 1) * dim];
         let joint = &mut joint[..lanes];
@@ -295,29 +407,41 @@ fn expectation<S: Simd>(simd: S, block: &[f64], lanes: usize, components: Compon
                 }
             }
         } else {
-            for ((x, m), z) in block.chunks_exact(BLOCK).zip(mean).zip(z.chunks_exact_mut(BLOCK)) {
-                for (z, x) in z[..lanes].iter_mut().zip(x) {
-                    *z = x - m;
-                }
-            }
             let w = &components.whitening[c * dim * dim..(c + 1) * dim * dim];
-            let z = S::as_simd_f64s(&z[..dim * BLOCK]).0;
-            let q = S::as_mut_simd_f64s(joint).0;
-            let mut first = 0;
-            while first + GROUP <= registers {
-                q[first..first + GROUP].copy_from_slice(&squared_norm::<S, GROUP>(simd, z, first, w, dim));
-                first += GROUP;
-            }
-            while first < registers {
-                q[first] = squared_norm::<S, 1>(simd, z, first, w, dim)[0];
-                first += 1;
+            match dim {
+                1 => small_norms::<S, 1>(simd, block, mean, w, joint),
+                2 => small_norms::<S, 2>(simd, block, mean, w, joint),
+                3 => small_norms::<S, 3>(simd, block, mean, w, joint),
+                4 => small_norms::<S, 4>(simd, block, mean, w, joint),
+                5 => small_norms::<S, 5>(simd, block, mean, w, joint),
+                6 => small_norms::<S, 6>(simd, block, mean, w, joint),
+                7 => small_norms::<S, 7>(simd, block, mean, w, joint),
+                8 => small_norms::<S, 8>(simd, block, mean, w, joint),
+                _ => {
+                    for ((x, m), z) in block.chunks_exact(BLOCK).zip(mean).zip(z.chunks_exact_mut(BLOCK)) {
+                        for (z, x) in z[..lanes].iter_mut().zip(x) {
+                            *z = x - m;
+                        }
+                    }
+                    let z = S::as_simd_f64s(&z[..dim * BLOCK]).0;
+                    let q = S::as_mut_simd_f64s(joint).0;
+                    let mut first = 0;
+                    while first + GROUP <= registers {
+                        q[first..first + GROUP].copy_from_slice(&squared_norm::<S, GROUP>(simd, z, first, w, dim));
+                        first += GROUP;
+                    }
+                    while first < registers {
+                        q[first] = squared_norm::<S, 1>(simd, z, first, w, dim)[0];
+                        first += 1;
+                    }
+                }
             }
         }
         for q in joint.iter_mut() {
             *q = (-0.5f64).mul_add(*q, offset);
         }
     }
-    let mut peak = [f64::NEG_INFINITY; BLOCK];
+    let Row(mut peak) = Row([f64::NEG_INFINITY; BLOCK]);
     for joint in joint.chunks_exact(BLOCK) {
         for (m, q) in peak.iter_mut().zip(&joint[..lanes]) {
             *m = if *q > *m { *q } else { *m };
@@ -327,7 +451,7 @@ fn expectation<S: Simd>(simd: S, block: &[f64], lanes: usize, components: Compon
     for m in &mut peak {
         *m = if *m == f64::NEG_INFINITY { 0.0 } else { *m };
     }
-    let mut sum = [0.0; BLOCK];
+    let Row(mut sum) = Row([0.0; BLOCK]);
     for joint in joint.chunks_exact_mut(BLOCK) {
         for ((q, m), s) in joint[..lanes].iter_mut().zip(&peak).zip(&mut sum) {
             *q = exp_nonpositive(*q - m);
@@ -347,39 +471,73 @@ fn expectation<S: Simd>(simd: S, block: &[f64], lanes: usize, components: Compon
     }
 }
 
-/// Adds `a_i . b_j` for `R` rows of `a` and `C` rows of `b` to interleaved sums `(R, C, LANES)`
-/// that lie `stride` sums apart per row.
+/// Adds `a . b` to interleaved sums.
 #[inline(always)]
 #[expect(clippy::inline_always, reason = "must be compiled inside the caller's target features")]
-fn products<S: Simd, const R: usize, const C: usize>(
+fn dot<S: Simd>(simd: S, sums: &mut [f64], a: &[f64], b: &[f64]) {
+    let per = LANES / S::F64_LANES;
+    let (a, b) = (S::as_simd_f64s(a).0, S::as_simd_f64s(b).0);
+    let sums = S::as_mut_simd_f64s(&mut sums[..LANES]).0;
+    for (a, b) in a.chunks_exact(per).zip(b.chunks_exact(per)) {
+        for ((s, a), b) in sums.iter_mut().zip(a).zip(b) {
+            *s = simd.mul_add_f64s(*a, *b, *s);
+        }
+    }
+}
+
+/// Four rows of `[x; 1; 0 ..]` with what is subtracted from them.
+struct TileRows<'a, S: Simd> {
+    rows: [&'a [S::f64s]; TILE],
+    centres: [S::f64s; TILE],
+}
+
+/// Adds `sum r z_i z_j` over a tile of four rows and four columns to interleaved sums that lie `p` sums apart per
+/// row. On the diagonal only `j <= i` is summed.
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "must be compiled inside the caller's target features")]
+fn tile<S: Simd, const DIAGONAL: bool>(
     simd: S,
     sums: &mut [f64],
-    stride: usize,
-    a: &[f64],
-    b: &[f64],
-    lanes: usize,
+    p: usize,
+    rows: &TileRows<'_, S>,
+    columns: &TileRows<'_, S>,
+    r: &[S::f64s],
 ) {
     let per = LANES / S::F64_LANES;
-    let a: [&[S::f64s]; R] = std::array::from_fn(|r| S::as_simd_f64s(&a[r * BLOCK..r * BLOCK + lanes]).0);
-    let b: [&[S::f64s]; C] = std::array::from_fn(|c| S::as_simd_f64s(&b[c * BLOCK..c * BLOCK + lanes]).0);
     let sums = S::as_mut_simd_f64s(sums).0;
+    let zero = simd.splat_f64s(0.0);
     for part in 0..per {
-        let mut t: [[S::f64s; C]; R] =
-            std::array::from_fn(|r| std::array::from_fn(|c| sums[(r * stride + c) * per + part]));
+        let mut t = [[zero; TILE]; TILE];
+        for i in 0..TILE {
+            for j in 0..TILE {
+                if !DIAGONAL || j <= i {
+                    t[i][j] = sums[(i * p + j) * per + part];
+                }
+            }
+        }
         let mut v = part;
-        while v < lanes / S::F64_LANES {
-            let bv: [S::f64s; C] = std::array::from_fn(|c| b[c][v]);
-            for r in 0..R {
-                let av = a[r][v];
-                for c in 0..C {
-                    t[r][c] = simd.mul_add_f64s(av, bv[c], t[r][c]);
+        while v < r.len() {
+            let mut a = [zero; TILE];
+            let mut b = [zero; TILE];
+            for i in 0..TILE {
+                a[i] = simd.sub_f64s(rows.rows[i][v], rows.centres[i]);
+                b[i] = if DIAGONAL { a[i] } else { simd.sub_f64s(columns.rows[i][v], columns.centres[i]) };
+            }
+            for i in 0..TILE {
+                let a = simd.mul_f64s(a[i], r[v]);
+                for j in 0..TILE {
+                    if !DIAGONAL || j <= i {
+                        t[i][j] = simd.mul_add_f64s(a, b[j], t[i][j]);
+                    }
                 }
             }
             v += per;
         }
-        for r in 0..R {
-            for c in 0..C {
-                sums[(r * stride + c) * per + part] = t[r][c];
+        for i in 0..TILE {
+            for j in 0..TILE {
+                if !DIAGONAL || j <= i {
+                    sums[(i * p + j) * per + part] = t[i][j];
+                }
             }
         }
     }
@@ -390,7 +548,35 @@ fn fold(lanes: &[f64]) -> f64 {
     ((lanes[0] + lanes[4]) + (lanes[2] + lanes[6])) + ((lanes[1] + lanes[5]) + (lanes[3] + lanes[7]))
 }
 
+/// Rows and columns per tile: sixteen sums fit the registers of AVX-512.
 const TILE: usize = 4;
+
+/// Rows `first .. first + 4` of `[x; 1; 0 ..]`, the first `registers` registers of a block.
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "must be compiled inside the caller's target features")]
+fn tile_rows<'a, S: Simd>(
+    simd: S,
+    block: &'a [f64],
+    centre: &[f64],
+    first: usize,
+    registers: usize,
+    ones: &'a Row,
+    zeros: &'a Row,
+) -> TileRows<'a, S> {
+    let dim = centre.len();
+    let mut rows = [&S::as_simd_f64s(&zeros.0).0[..registers]; TILE];
+    let mut centres = [simd.splat_f64s(0.0); TILE];
+    for t in 0..TILE {
+        let i = first + t;
+        if i < dim {
+            rows[t] = &S::as_simd_f64s(&block[i * BLOCK..(i + 1) * BLOCK]).0[..registers];
+            centres[t] = simd.splat_f64s(centre[i]);
+        } else if i == dim {
+            rows[t] = &S::as_simd_f64s(&ones.0).0[..registers];
+        }
+    }
+    TileRows { rows, centres }
+}
 
 struct MomentsOf<'a> {
     blocks: &'a Blocks,
@@ -408,72 +594,53 @@ impl WithSimd for MomentsOf<'_> {
         let (k, dim) = (components.offsets.len(), blocks.dim);
         // Rows of [z; 1], padded to whole tiles by rows of zeros.
         let p = (dim + 1).next_multiple_of(TILE);
-        let mut scratch = Scratch::new(k, p);
-        scratch.z[dim * BLOCK..(dim + 1) * BLOCK].fill(1.0);
-        let mut sums = vec![0.0; k * p * p * LANES];
-        let mut extra = vec![0.0; k * LANES];
+        let mut scratch = Scratch::new(k, dim);
+        let mut sums = Aligned::zeros(k * p * p * LANES);
+        let mut extra = Aligned::zeros(k * LANES);
         let mut likelihood = [0.0; LANES];
+        let (ones, zeros) = (Row([1.0; BLOCK]), Row([0.0; BLOCK]));
+        let (Row(mut z), Row(mut rz)) = (zeros, zeros);
         for b in range {
             let lanes = blocks.lanes_in(b);
             let block = blocks.block(b);
             let weights = &blocks.weights[b * BLOCK..(b + 1) * BLOCK];
             expectation(simd, block, lanes, components, &mut scratch);
-            for (d, w) in scratch.density[..lanes].chunks_exact(LANES).zip(weights.chunks_exact(LANES)) {
+            for (d, w) in scratch.density.0[..lanes].chunks_exact(LANES).zip(weights.chunks_exact(LANES)) {
                 for ((l, d), w) in likelihood.iter_mut().zip(d).zip(w) {
                     *l += if *w > 0.0 { w * d } else { 0.0 };
                 }
             }
             for c in 0..k {
-                let Scratch { joint, z, rz, .. } = &mut scratch;
-                let r = &mut joint[c * BLOCK..c * BLOCK + lanes];
+                let r = &mut scratch.joint[c * BLOCK..c * BLOCK + lanes];
                 for (r, w) in r.iter_mut().zip(weights) {
                     *r *= w;
                 }
                 let centre = &centres[c * dim..(c + 1) * dim];
-                for (((x, m), z), rz) in
-                    block.chunks_exact(BLOCK).zip(centre).zip(z.chunks_exact_mut(BLOCK)).zip(rz.chunks_exact_mut(BLOCK))
-                {
-                    for (((z, rz), x), r) in z[..lanes].iter_mut().zip(&mut rz[..lanes]).zip(x).zip(r.iter()) {
-                        *z = x - m;
-                        *rz = r * *z;
-                    }
-                }
-                rz[dim * BLOCK..dim * BLOCK + lanes].copy_from_slice(r);
                 let sums = &mut sums[c * p * p * LANES..(c + 1) * p * p * LANES];
                 if components.diagonal {
-                    let ones = &z[dim * BLOCK..];
-                    for j in 0..dim {
-                        let row = &rz[j * BLOCK..];
-                        products::<S, 1, 1>(simd, &mut sums[(j * p + j) * LANES..], p, row, &z[j * BLOCK..], lanes);
-                        products::<S, 1, 1>(simd, &mut sums[(dim * p + j) * LANES..], p, row, ones, lanes);
-                    }
-                    let row = &rz[dim * BLOCK..];
-                    products::<S, 1, 1>(simd, &mut sums[(dim * p + dim) * LANES..], p, row, ones, lanes);
-                } else {
-                    for i in (0..p).step_by(TILE) {
-                        let row = &rz[i * BLOCK..(i + TILE) * BLOCK];
-                        for j in (0..=i).step_by(TILE) {
-                            let column = &z[j * BLOCK..(j + TILE) * BLOCK];
-                            let out = (i * p + j) * LANES;
-                            if S::REGISTER_COUNT >= 32 {
-                                products::<S, 4, 4>(simd, &mut sums[out..], p, row, column, lanes);
-                            } else {
-                                products::<S, 4, 2>(simd, &mut sums[out..], p, row, column, lanes);
-                                products::<S, 4, 2>(
-                                    simd,
-                                    &mut sums[out + 2 * LANES..],
-                                    p,
-                                    row,
-                                    &column[2 * BLOCK..],
-                                    lanes,
-                                );
-                            }
+                    for (j, (x, m)) in block.chunks_exact(BLOCK).zip(centre).enumerate() {
+                        for (((z, rz), x), r) in z[..lanes].iter_mut().zip(&mut rz).zip(x).zip(r.iter()) {
+                            *z = x - m;
+                            *rz = r * *z;
                         }
+                        dot(simd, &mut sums[(j * p + j) * LANES..], &rz[..lanes], &z[..lanes]);
+                        dot(simd, &mut sums[(dim * p + j) * LANES..], &rz[..lanes], &ones.0[..lanes]);
+                    }
+                    dot(simd, &mut sums[(dim * p + dim) * LANES..], r, &ones.0[..lanes]);
+                } else {
+                    let r = S::as_simd_f64s(r).0;
+                    for i in (0..p).step_by(TILE) {
+                        let rows = tile_rows::<S>(simd, block, centre, i, r.len(), &ones, &zeros);
+                        for j in (0..i).step_by(TILE) {
+                            let columns = tile_rows::<S>(simd, block, centre, j, r.len(), &ones, &zeros);
+                            tile::<S, false>(simd, &mut sums[(i * p + j) * LANES..], p, &rows, &columns, r);
+                        }
+                        tile::<S, true>(simd, &mut sums[(i * p + i) * LANES..], p, &rows, &rows, r);
                     }
                 }
                 if let Some(e) = &blocks.extra {
-                    let e = &e[b * BLOCK..(b + 1) * BLOCK];
-                    products::<S, 1, 1>(simd, &mut extra[c * LANES..(c + 1) * LANES], 1, &rz[dim * BLOCK..], e, lanes);
+                    let r = &scratch.joint[c * BLOCK..c * BLOCK + lanes];
+                    dot(simd, &mut extra[c * LANES..(c + 1) * LANES], r, &e[b * BLOCK..b * BLOCK + lanes]);
                 }
             }
         }
@@ -514,7 +681,7 @@ impl WithSimd for DensitiesOf<'_> {
         for b in range {
             expectation(simd, blocks.block(b), blocks.lanes_in(b), components, &mut scratch);
             let n = BLOCK.min(blocks.len - b * BLOCK);
-            densities.extend_from_slice(&scratch.density[..n]);
+            densities.extend_from_slice(&scratch.density.0[..n]);
             if want_responsibilities {
                 for lane in 0..n {
                     responsibilities.extend((0..k).map(|c| scratch.joint[c * BLOCK + lane]));

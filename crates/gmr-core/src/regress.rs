@@ -14,7 +14,7 @@
 //! (inputs, outputs): `C_n = L_oo L_oo'` is positive definite by construction. They are computed once;
 //! a query costs `k (d_i^2 + d_o d_i + d_o^2)` multiply-adds and allocates nothing.
 
-use pulp::Arch;
+use pulp::{Arch, Simd, WithSimd};
 
 use crate::error::{Error, Result, check_len, check_values};
 use crate::gmm::{LN_2_PI, Mixture, check_dimensions};
@@ -50,18 +50,40 @@ pub struct Regressor {
     outputs: Vec<usize>,
     components: usize,
     arch: Arch,
-    /// `(k, d_i)`.
+    /// Components padded to whole lanes, each with density zero.
+    padded: usize,
+    /// Outputs padded to whole lanes.
+    width: usize,
+    /// Component-minor: `(d_i, padded)`.
     input_means: Vec<f64>,
-    /// `L_ii^-1`, `(k, d_i, d_i)`.
+    /// `L_ii^-1`, component-minor lower triangle: `(d_i (d_i + 1) / 2, padded)`.
     whitening: Vec<f64>,
-    /// `ln pi + ln det L_ii^-1 - d_i/2 ln 2 pi`, `(k)`.
+    /// `ln pi + ln det L_ii^-1 - d_i/2 ln 2 pi`, `(padded)`.
     offsets: Vec<f64>,
-    /// `(k, d_o)`.
+    /// `(k, width)`.
     output_means: Vec<f64>,
-    /// `A`, stored by input: `(k, d_i, d_o)`.
+    /// `A`, stored by input: `(k, d_i, width)`.
     gains: Vec<f64>,
+    /// `C`, `(k, d_o, width)`.
+    wide_covariances: Vec<f64>,
     /// `C`, `(k, d_o, d_o)`.
     covariances: Vec<f64>,
+}
+
+/// Lanes everything is padded to.
+const LANES: usize = 8;
+
+/// The slice as whole groups of lanes.
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "must be compiled inside the caller's target features")]
+fn groups(v: &[f64]) -> &[[f64; LANES]] {
+    v.as_chunks().0
+}
+
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "must be compiled inside the caller's target features")]
+fn groups_mut(v: &mut [f64]) -> &mut [[f64; LANES]] {
+    v.as_chunks_mut().0
 }
 
 /// Result and working space of a query; made once by [`Regressor::prediction`], then reused.
@@ -72,12 +94,20 @@ pub struct Prediction {
     jacobian: Vec<f64>,
     responsibilities: Vec<f64>,
     log_density: f64,
+    /// `m_n`, `(k, width)`.
+    wide_means: Vec<f64>,
     /// `m_n`, `(k, d_o)`.
     component_means: Vec<f64>,
-    /// `x - mu_i`, then the gradient `-S_ii^-1 (x - mu_i)`, `(k, d_i)`.
-    slopes: Vec<f64>,
-    /// One row of working space, `(max(d_i, d_o))`.
-    row: Vec<f64>,
+    /// `b_n`, `(padded)`.
+    wide_responsibilities: Vec<f64>,
+    /// `m`, `(width)`, and room for `V`, `(d_o, width)`.
+    wide: Vec<f64>,
+    /// `x - mu_i`, component-minor: `(d_i, padded)`.
+    differences: Vec<f64>,
+    /// `L_ii^-1 (x - mu_i)`, component-minor: `(d_i, padded)`.
+    whitened: Vec<f64>,
+    /// `dm/dx` by input, `(d_i, width)`.
+    wide_jacobian: Vec<f64>,
 }
 
 impl Prediction {
@@ -122,6 +152,38 @@ pub struct BatchPrediction {
     pub covariances: Vec<f64>,
 }
 
+/// How much of a prediction is wanted.
+#[derive(Clone, Copy, PartialEq)]
+enum Part {
+    Mean,
+    Covariance,
+    Jacobian,
+}
+
+/// One query, compiled for each instruction set.
+struct Query<'a> {
+    regressor: &'a Regressor,
+    x: &'a [f64],
+    out: &'a mut Prediction,
+    part: Part,
+}
+
+impl WithSimd for Query<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> bool {
+        let supported = self.regressor.mix(self.x, self.out);
+        if self.part != Part::Mean {
+            self.regressor.spread(self.out);
+        }
+        if self.part == Part::Jacobian {
+            self.regressor.slope(self.out);
+        }
+        supported
+    }
+}
+
 impl Regressor {
     /// Prepares `mixture` for regression of `outputs` on `inputs`; other dimensions are marginalised.
     ///
@@ -140,16 +202,20 @@ impl Regressor {
         let order: Vec<usize> = inputs.iter().chain(outputs).copied().collect();
         check_dimensions("regression dimensions", &order, dim)?;
         let (di, dout, d) = (inputs.len(), outputs.len(), order.len());
+        let (padded, width) = (k.next_multiple_of(LANES), dout.next_multiple_of(LANES));
         let mut regressor = Self {
             inputs: inputs.to_vec(),
             outputs: outputs.to_vec(),
             components: k,
             arch: Arch::new(),
-            input_means: Vec::with_capacity(k * di),
-            whitening: Vec::with_capacity(k * di * di),
-            offsets: Vec::with_capacity(k),
-            output_means: Vec::with_capacity(k * dout),
-            gains: Vec::with_capacity(k * di * dout),
+            padded,
+            width,
+            input_means: vec![0.0; di * padded],
+            whitening: vec![0.0; di * (di + 1) / 2 * padded],
+            offsets: vec![f64::NEG_INFINITY; padded],
+            output_means: vec![0.0; k * width],
+            gains: vec![0.0; k * di * width],
+            wide_covariances: vec![0.0; k * dout * width],
             covariances: Vec::with_capacity(k * dout * dout),
         };
         for c in 0..k {
@@ -171,23 +237,27 @@ impl Regressor {
             let weight = mixture.weights()[c];
             let log_weight = if weight > 0.0 { weight.ln() } else { f64::NEG_INFINITY };
             let log_det: f64 = (0..di).map(|i| ln_positive(whitening[i * di + i])).sum();
-            regressor.offsets.push(log_weight + (log_det - 0.5 * di as f64 * LN_2_PI));
+            regressor.offsets[c] = log_weight + (log_det - 0.5 * di as f64 * LN_2_PI);
             // A = L_oi L_ii^-1; C = L_oo L_oo'.
             for j in 0..di {
+                regressor.input_means[j * padded + c] = mean[inputs[j]];
+                for m in 0..=j {
+                    regressor.whitening[(j * (j + 1) / 2 + m) * padded + c] = whitening[j * di + m];
+                }
                 for o in 0..dout {
                     let row = &factor[(di + o) * d..];
-                    regressor.gains.push((j..di).map(|m| row[m] * whitening[m * di + j]).sum());
+                    regressor.gains[(c * di + j) * width + o] = (j..di).map(|m| row[m] * whitening[m * di + j]).sum();
                 }
             }
             for a in 0..dout {
+                regressor.output_means[c * width + a] = mean[outputs[a]];
                 for b in 0..dout {
                     let (ra, rb) = (&factor[(di + a) * d + di..], &factor[(di + b) * d + di..]);
-                    regressor.covariances.push((0..=a.min(b)).map(|m| ra[m] * rb[m]).sum());
+                    let value = (0..=a.min(b)).map(|m| ra[m] * rb[m]).sum();
+                    regressor.covariances.push(value);
+                    regressor.wide_covariances[(c * dout + a) * width + b] = value;
                 }
             }
-            regressor.whitening.extend_from_slice(&whitening);
-            regressor.input_means.extend(inputs.iter().map(|&i| mean[i]));
-            regressor.output_means.extend(outputs.iter().map(|&o| mean[o]));
         }
         Ok(regressor)
     }
@@ -210,8 +280,8 @@ impl Regressor {
     /// Gain `A_n = S_oi S_ii^-1` of one component, `(d_o, d_i)` row-major.
     pub fn gain(&self, component: usize) -> Vec<f64> {
         let (di, dout) = (self.inputs.len(), self.outputs.len());
-        let stored = &self.gains[component * di * dout..(component + 1) * di * dout];
-        (0..dout * di).map(|i| stored[i % di * dout + i / di]).collect()
+        let at = |o: usize, j: usize| self.gains[(component * di + j) * self.width + o];
+        (0..dout * di).map(|i| at(i / di, i % di)).collect()
     }
 
     /// Conditional covariance `C_n` of one component, `(d_o, d_o)`.
@@ -229,9 +299,13 @@ impl Regressor {
             jacobian: vec![0.0; dout * di],
             responsibilities: vec![0.0; k],
             log_density: f64::NEG_INFINITY,
+            wide_means: vec![0.0; k * self.width],
             component_means: vec![0.0; k * dout],
-            slopes: vec![0.0; k * di],
-            row: vec![0.0; di.max(dout)],
+            wide_responsibilities: vec![0.0; self.padded],
+            wide: vec![0.0; (1 + dout) * self.width],
+            differences: vec![0.0; di * self.padded],
+            whitened: vec![0.0; di * self.padded],
+            wide_jacobian: vec![0.0; di * self.width],
         }
     }
 
@@ -240,7 +314,7 @@ impl Regressor {
         check_values("query", x)?;
         check_len("prediction", self.outputs.len(), out.mean.len())?;
         check_len("prediction components", self.components, out.responsibilities.len())?;
-        check_len("prediction inputs", self.inputs.len() * self.components, out.slopes.len())
+        check_len("prediction inputs", self.inputs.len() * self.padded, out.differences.len())
     }
 
     /// Mean, full covariance, responsibilities and log density at `x: (d_i)`. Allocates nothing.
@@ -250,15 +324,7 @@ impl Regressor {
     /// density underflows even as a logarithm; `out` is then unspecified.
     pub fn predict_into(&self, x: &[f64], out: &mut Prediction) -> Result<()> {
         self.check(x, out)?;
-        let supported = self.arch.dispatch(
-            #[inline(always)]
-            || {
-                let supported = self.mix(x, out);
-                self.spread(out);
-                supported
-            },
-        );
-        if supported { Ok(()) } else { Err(Error::NoSupport { components: self.components }) }
+        self.run(x, out, Part::Covariance)
     }
 
     /// As [`Regressor::predict_into`], and the Jacobian `dm/dx` as well.
@@ -269,16 +335,7 @@ impl Regressor {
     /// As [`Regressor::predict_into`].
     pub fn predict_with_jacobian_into(&self, x: &[f64], out: &mut Prediction) -> Result<()> {
         self.check(x, out)?;
-        let supported = self.arch.dispatch(
-            #[inline(always)]
-            || {
-                let supported = self.mix(x, out);
-                self.spread(out);
-                self.slope(out);
-                supported
-            },
-        );
-        if supported { Ok(()) } else { Err(Error::NoSupport { components: self.components }) }
+        self.run(x, out, Part::Jacobian)
     }
 
     /// Mean and responsibilities only; the covariance in `out` keeps its old value.
@@ -287,11 +344,15 @@ impl Regressor {
     /// As [`Regressor::predict_into`].
     pub fn predict_mean_into(&self, x: &[f64], out: &mut Prediction) -> Result<()> {
         self.check(x, out)?;
-        let supported = self.arch.dispatch(
-            #[inline(always)]
-            || self.mix(x, out),
-        );
-        if supported { Ok(()) } else { Err(Error::NoSupport { components: self.components }) }
+        self.run(x, out, Part::Mean)
+    }
+
+    fn run(&self, x: &[f64], out: &mut Prediction, part: Part) -> Result<()> {
+        if self.arch.dispatch(Query { regressor: self, x, out, part }) {
+            Ok(())
+        } else {
+            Err(Error::NoSupport { components: self.components })
+        }
     }
 
     /// Means and covariances of `queries: (n, d_i)`.
@@ -318,68 +379,104 @@ impl Regressor {
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "must be compiled inside the caller's target features")]
     fn mix(&self, x: &[f64], out: &mut Prediction) -> bool {
-        let (di, dout) = (self.inputs.len(), self.outputs.len());
-        let mut peak = f64::NEG_INFINITY;
-        for (c, log) in out.responsibilities.iter_mut().enumerate() {
-            let z = &mut out.slopes[c * di..(c + 1) * di];
-            for ((z, x), m) in z.iter_mut().zip(x).zip(&self.input_means[c * di..]) {
-                *z = x - m;
-            }
-            let mut norm = 0.0;
-            for (i, row) in self.whitening[c * di * di..(c + 1) * di * di].chunks_exact(di).enumerate() {
-                let mut y = 0.0;
-                for (w, z) in row[..=i].iter().zip(z.iter()) {
-                    y = w.mul_add(*z, y);
+        let (di, dout, padded, width) = (self.inputs.len(), self.outputs.len(), self.padded, self.width);
+        // Densities: eight components at a time.
+        let mut peaks = [f64::NEG_INFINITY; LANES];
+        for (g, b) in groups_mut(&mut out.wide_responsibilities).iter_mut().enumerate() {
+            let at = |j: usize| j * padded + g * LANES..j * padded + (g + 1) * LANES;
+            let mut norm = [0.0; LANES];
+            for i in 0..di {
+                let z = &mut groups_mut(&mut out.differences[at(i)])[0];
+                let m = &groups(&self.input_means[at(i)])[0];
+                for l in 0..LANES {
+                    z[l] = x[i] - m[l];
                 }
-                norm = y.mul_add(y, norm);
+                let mut y = [0.0; LANES];
+                for j in 0..=i {
+                    let w = &groups(&self.whitening[at(i * (i + 1) / 2 + j)])[0];
+                    let z = &groups(&out.differences[at(j)])[0];
+                    for l in 0..LANES {
+                        y[l] = w[l].mul_add(z[l], y[l]);
+                    }
+                }
+                for l in 0..LANES {
+                    norm[l] = y[l].mul_add(y[l], norm[l]);
+                }
+                out.whitened[at(i)].copy_from_slice(&y);
             }
-            *log = (-0.5f64).mul_add(norm, self.offsets[c]);
-            peak = if *log > peak { *log } else { peak };
+            let offset = &groups(&self.offsets)[g];
+            for l in 0..LANES {
+                b[l] = (-0.5f64).mul_add(norm[l], offset[l]);
+                peaks[l] = if b[l] > peaks[l] { b[l] } else { peaks[l] };
+            }
         }
+        let peak = peaks.iter().fold(f64::NEG_INFINITY, |m, p| if *p > m { *p } else { m });
         let supported = peak > f64::NEG_INFINITY;
         let peak = if supported { peak } else { 0.0 };
-        let mut sum = 0.0;
-        for b in &mut out.responsibilities {
-            *b = exp_nonpositive(*b - peak);
-            sum += *b;
+        let mut sums = [0.0; LANES];
+        for b in groups_mut(&mut out.wide_responsibilities) {
+            for l in 0..LANES {
+                b[l] = exp_nonpositive(b[l] - peak);
+                sums[l] += b[l];
+            }
         }
+        let sum = ((sums[0] + sums[4]) + (sums[2] + sums[6])) + ((sums[1] + sums[5]) + (sums[3] + sums[7]));
         let scale = if supported { 1.0 / sum } else { 0.0 };
         out.log_density = if supported { peak + ln_positive(sum) } else { f64::NEG_INFINITY };
-        out.mean.fill(0.0);
-        for (c, b) in out.responsibilities.iter_mut().enumerate() {
-            *b *= scale;
-            let m = &mut out.component_means[c * dout..(c + 1) * dout];
-            m.copy_from_slice(&self.output_means[c * dout..(c + 1) * dout]);
-            for (j, z) in out.slopes[c * di..(c + 1) * di].iter().enumerate() {
-                for (m, a) in m.iter_mut().zip(&self.gains[(c * di + j) * dout..(c * di + j + 1) * dout]) {
-                    *m = a.mul_add(*z, *m);
+        for (b, wide) in out.responsibilities.iter_mut().zip(&mut out.wide_responsibilities) {
+            *wide *= scale;
+            *b = *wide;
+        }
+        // Means: eight outputs at a time.
+        for o in 0..width / LANES {
+            let mut mean = [0.0; LANES];
+            for (c, b) in out.responsibilities.iter().enumerate() {
+                let mut m = groups(&self.output_means[c * width..])[o];
+                for j in 0..di {
+                    let z = out.differences[j * padded + c];
+                    let a = &groups(&self.gains[(c * di + j) * width..])[o];
+                    for l in 0..LANES {
+                        m[l] = a[l].mul_add(z, m[l]);
+                    }
+                }
+                groups_mut(&mut out.wide_means[c * width..])[o] = m;
+                for l in 0..LANES {
+                    mean[l] = b.mul_add(m[l], mean[l]);
                 }
             }
-            for (sum, m) in out.mean.iter_mut().zip(m.iter()) {
-                *sum = b.mul_add(*m, *sum);
-            }
+            groups_mut(&mut out.wide)[o] = mean;
+        }
+        out.mean.copy_from_slice(&out.wide[..dout]);
+        for (dense, wide) in out.component_means.chunks_exact_mut(dout).zip(out.wide_means.chunks_exact(width)) {
+            dense.copy_from_slice(&wide[..dout]);
         }
         supported
     }
 
-    /// Law of total covariance (10).
+    /// Law of total covariance (10). Products commute, so the result is exactly symmetric.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "must be compiled inside the caller's target features")]
     fn spread(&self, out: &mut Prediction) {
-        let dout = self.outputs.len();
-        out.covariance.fill(0.0);
-        for (c, b) in out.responsibilities.iter().enumerate() {
-            let e = &mut out.row[..dout];
-            for ((e, m), mean) in e.iter_mut().zip(&out.component_means[c * dout..]).zip(&out.mean) {
-                *e = m - mean;
-            }
-            let within = &self.covariances[c * dout * dout..(c + 1) * dout * dout];
-            for ((v, within), ei) in out.covariance.chunks_exact_mut(dout).zip(within.chunks_exact(dout)).zip(e.iter())
-            {
-                for ((v, within), ej) in v.iter_mut().zip(within).zip(e.iter()) {
-                    *v = b.mul_add(ei.mul_add(*ej, *within), *v);
+        let (dout, width) = (self.outputs.len(), self.width);
+        let (mean, covariance) = out.wide.split_at_mut(width);
+        for i in 0..dout {
+            for o in 0..width / LANES {
+                let mut v = [0.0; LANES];
+                let mean_o = &groups(mean)[o];
+                for (c, b) in out.responsibilities.iter().enumerate() {
+                    let m = &out.wide_means[c * width..(c + 1) * width];
+                    let ei = m[i] - mean[i];
+                    let m = &groups(m)[o];
+                    let within = &groups(&self.wide_covariances[(c * dout + i) * width..])[o];
+                    for l in 0..LANES {
+                        v[l] = b.mul_add(ei.mul_add(m[l] - mean_o[l], within[l]), v[l]);
+                    }
                 }
+                groups_mut(&mut covariance[i * width..])[o] = v;
             }
+        }
+        for (dense, wide) in out.covariance.chunks_exact_mut(dout).zip(covariance.chunks_exact(width)) {
+            dense.copy_from_slice(&wide[..dout]);
         }
     }
 
@@ -387,24 +484,29 @@ impl Regressor {
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "must be compiled inside the caller's target features")]
     fn slope(&self, out: &mut Prediction) {
-        let (di, dout) = (self.inputs.len(), self.outputs.len());
-        out.jacobian.fill(0.0);
+        let (di, dout, padded, width) = (self.inputs.len(), self.outputs.len(), self.padded, self.width);
+        out.wide_jacobian.fill(0.0);
         for (c, b) in out.responsibilities.iter().enumerate() {
-            let z = &mut out.slopes[c * di..(c + 1) * di];
-            let w = &self.whitening[c * di * di..(c + 1) * di * di];
-            let y = &mut out.row[..di];
-            for (i, y) in y.iter_mut().enumerate() {
-                *y = w[i * di..=i * di + i].iter().zip(z.iter()).map(|(w, z)| w * z).sum();
-            }
-            for (j, z) in z.iter_mut().enumerate() {
-                *z = -(j..di).map(|i| w[i * di + j] * y[i]).sum::<f64>();
-            }
-            for o in 0..dout {
-                let e = out.component_means[c * dout + o] - out.mean[o];
-                for (j, z) in z.iter().enumerate() {
-                    let gain = self.gains[(c * di + j) * dout + o];
-                    out.jacobian[o * di + j] = b.mul_add(e.mul_add(*z, gain), out.jacobian[o * di + j]);
+            for j in 0..di {
+                let mut pull = 0.0;
+                for i in j..di {
+                    let w = self.whitening[(i * (i + 1) / 2 + j) * padded + c];
+                    pull = w.mul_add(out.whitened[i * padded + c], pull);
                 }
+                for o in 0..width / LANES {
+                    let a = &groups(&self.gains[(c * di + j) * width..])[o];
+                    let m = &groups(&out.wide_means[c * width..])[o];
+                    let mean = &groups(&out.wide)[o];
+                    let jacobian = &mut groups_mut(&mut out.wide_jacobian[j * width..])[o];
+                    for l in 0..LANES {
+                        jacobian[l] = b.mul_add((-pull).mul_add(m[l] - mean[l], a[l]), jacobian[l]);
+                    }
+                }
+            }
+        }
+        for o in 0..dout {
+            for j in 0..di {
+                out.jacobian[o * di + j] = out.wide_jacobian[j * width + o];
             }
         }
     }

@@ -159,10 +159,14 @@ pub(super) fn filter(arma: &Arma, d: usize, y: &[f64], mean: Mean) -> Result<Fil
     let mut factor = gram;
     if columns > 0 {
         // The levels come first, so the leading block of the factor is the factor of their block.
-        cholesky(&mut factor, columns).map_err(|_| Error::TooFewSamples {
-            what: "ARIMA levels and mean",
-            needed: columns,
-            got: observed,
+        if observed < columns {
+            return Err(Error::TooFewSamples { what: "ARIMA levels and mean", needed: columns, got: observed });
+        }
+        cholesky(&mut factor, columns).map_err(|p| Error::NotPositiveDefinite {
+            what: "information about the ARIMA levels and mean",
+            index: 0,
+            pivot: p.row,
+            value: p.value,
         })?;
         solve_lower(&factor, columns, &mut beta);
         squares -= beta.iter().map(|b| b * b).sum::<f64>();

@@ -9,6 +9,8 @@
 //!
 //! Everything is per unit innovation variance; the variance is concentrated out by the caller.
 
+use pulp::{Arch, Simd, WithSimd};
+
 /// The covariance counts as settled when no entry differs from `R R'` by more than this; the rest
 /// of the transient then changes the log-likelihood by less than rounding does.
 const SETTLED: f64 = 1e-15;
@@ -53,7 +55,7 @@ impl Arma {
                 p[i * r + j] = self.theta[i] * self.theta[j];
             }
         }
-        // Partial autocorrelations stop at 1 - 1e-9, so sixty doublings reach any memory there is.
+        // Partial autocorrelations stop at 1 - 1e-6, so sixty doublings reach any memory there is.
         for _ in 0..60 {
             multiply(a, p, b, r, false);
             multiply(b, a, c, r, true);
@@ -133,18 +135,11 @@ impl Sums {
     }
 }
 
-/// Filters a complete series; `sink` receives `(index, innovation of w, innovation of 1, F)`.
+/// Filters a complete series.
 ///
 /// `conditional` starts from a state known to be zero (conditional sum of squares) instead
 /// of the stationary distribution.
-pub(super) fn filter(
-    arma: &Arma,
-    w: &[f64],
-    constant: bool,
-    conditional: bool,
-    work: &mut Work,
-    mut sink: impl FnMut(usize, f64, f64, f64),
-) -> Sums {
+pub(super) fn filter(arma: &Arma, w: &[f64], constant: bool, conditional: bool, work: &mut Work) -> Sums {
     let r = arma.r;
     let mut sums = Sums { n: w.len(), ..Sums::default() };
     let mut state = [0.0f64; 2 * MAX_STATE];
@@ -181,7 +176,6 @@ pub(super) fn filter(
                 sums.w1 += v * v1 / f;
                 sums.one += v1 * v1 / f;
             }
-            sink(t, v, v1, f);
             // a' = T a + K v, K_i = phi_i + P_i+1,1 / F.
             for i in 0..r {
                 let (ahead, ahead1, gain) =
@@ -195,84 +189,80 @@ pub(super) fn filter(
             t += 1;
         }
     }
-    steady(arma, w, constant, t, a, a1, &mut sums, &mut sink);
+    Arch::new().dispatch(Steady { arma, w: &w[t..], constant, a, a1, sums: &mut sums });
     sums
 }
 
 /// Largest state dimension; orders up to 23 fit.
 pub(super) const MAX_STATE: usize = 24;
 
-/// The plain recursion from index `from` on.
-#[expect(clippy::too_many_arguments, reason = "the inner loop of one function, split off for the specialisation")]
-fn steady(
-    arma: &Arma,
-    w: &[f64],
+/// The plain recursion over the rest of a series, compiled for each instruction set: with a fused
+/// multiply-add, four cycles of latency per value.
+struct Steady<'a> {
+    arma: &'a Arma,
+    w: &'a [f64],
     constant: bool,
-    from: usize,
-    a: &mut [f64],
-    a1: &mut [f64],
-    sums: &mut Sums,
-    sink: &mut impl FnMut(usize, f64, f64, f64),
-) {
-    match arma.r {
-        1 => steady_n::<1>(arma, w, constant, from, a, a1, sums, sink),
-        2 => steady_n::<2>(arma, w, constant, from, a, a1, sums, sink),
-        3 => steady_n::<3>(arma, w, constant, from, a, a1, sums, sink),
-        4 => steady_n::<4>(arma, w, constant, from, a, a1, sums, sink),
-        5 | 6 => steady_n::<6>(arma, w, constant, from, a, a1, sums, sink),
-        _ => steady_n::<MAX_STATE>(arma, w, constant, from, a, a1, sums, sink),
+    a: &'a mut [f64],
+    a1: &'a mut [f64],
+    sums: &'a mut Sums,
+}
+
+impl WithSimd for Steady<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        match self.arma.r {
+            1 => self.run::<1>(),
+            2 => self.run::<2>(),
+            3 => self.run::<3>(),
+            4 => self.run::<4>(),
+            5 | 6 => self.run::<6>(),
+            _ => self.run::<MAX_STATE>(),
+        }
     }
 }
 
-#[expect(clippy::too_many_arguments, reason = "see `steady`")]
-fn steady_n<const R: usize>(
-    arma: &Arma,
-    w: &[f64],
-    constant: bool,
-    from: usize,
-    a: &mut [f64],
-    a1: &mut [f64],
-    sums: &mut Sums,
-    sink: &mut impl FnMut(usize, f64, f64, f64),
-) {
-    let mut phi = [0.0; R];
-    let mut theta = [0.0; R];
-    for i in 0..arma.r {
-        phi[i] = arma.phi[i];
-        theta[i] = arma.theta[i + 1];
-    }
-    let mut s = [0.0; R];
-    let mut s1 = [0.0; R];
-    s.copy_from_slice(&a[..R]);
-    s1.copy_from_slice(&a1[..R]);
-    let (mut ww, mut w1, mut one) = (0.0, 0.0, 0.0);
-    for (t, &value) in w.iter().enumerate().skip(from) {
-        let v = value - s[0];
-        ww += v * v;
-        let mut next = [0.0; R];
-        for i in 0..R {
-            let ahead = if i + 1 < R { s[i + 1] } else { 0.0 };
-            next[i] = ahead + phi[i] * value + theta[i] * v;
+impl Steady<'_> {
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "must be compiled inside the caller's target features")]
+    fn run<const R: usize>(self) {
+        // a'_i = a_i+1 + phi_i w + theta_i (w - a_1), written as (a_i+1 + (phi_i + theta_i) w) - theta_i a_1,
+        // so that only one multiply-add lies between one a_1 and the next.
+        let mut both = [0.0; R];
+        let mut theta = [0.0; R];
+        for i in 0..self.arma.r {
+            theta[i] = self.arma.theta[i + 1];
+            both[i] = self.arma.phi[i] + theta[i];
         }
-        s = next;
-        let mut v1 = 0.0;
-        if constant {
-            v1 = 1.0 - s1[0];
-            w1 += v * v1;
-            one += v1 * v1;
+        let mut s = [0.0; R];
+        let mut s1 = [0.0; R];
+        s.copy_from_slice(&self.a[..R]);
+        s1.copy_from_slice(&self.a1[..R]);
+        let (mut ww, mut w1, mut one) = (0.0, 0.0, 0.0);
+        for &value in self.w {
+            let v = value - s[0];
+            ww = v.mul_add(v, ww);
+            let first = s[0];
             for i in 0..R {
-                let ahead = if i + 1 < R { s1[i + 1] } else { 0.0 };
-                next[i] = ahead + phi[i] + theta[i] * v1;
+                let ahead = if i + 1 < R { s[i + 1] } else { 0.0 };
+                s[i] = (-theta[i]).mul_add(first, both[i].mul_add(value, ahead));
             }
-            s1 = next;
+            if self.constant {
+                let v1 = 1.0 - s1[0];
+                w1 = v.mul_add(v1, w1);
+                one = v1.mul_add(v1, one);
+                let first = s1[0];
+                for i in 0..R {
+                    let ahead = if i + 1 < R { s1[i + 1] } else { 0.0 };
+                    s1[i] = (-theta[i]).mul_add(first, both[i] + ahead);
+                }
+            }
         }
-        sink(t, v, v1, 1.0);
+        self.sums.ww += ww;
+        self.sums.w1 += w1;
+        self.sums.one += one;
     }
-    a[..R].copy_from_slice(&s);
-    a1[..R].copy_from_slice(&s1);
-    sums.ww += ww;
-    sums.w1 += w1;
-    sums.one += one;
 }
 
 #[cfg(test)]
@@ -309,7 +299,7 @@ mod tests {
             (vec![1.2, -0.5, 0.1, 0.05, -0.1], vec![0.6, 0.2]),
         ] {
             let arma = Arma::new(&ar, &ma);
-            let sums = filter(&arma, &w, false, false, &mut Work::new(arma.r), |_, _, _, _| {});
+            let sums = filter(&arma, &w, false, false, &mut Work::new(arma.r));
             let (log_det, squares) = brute_force(&ar, &ma, &w);
             assert!((sums.log_f - log_det).abs() < 1e-10, "{ar:?} {ma:?}");
             assert!((sums.ww - squares).abs() < 1e-10 * squares, "{ar:?} {ma:?}");
@@ -320,7 +310,7 @@ mod tests {
     fn constant_column_equals_generalised_least_squares() {
         let w: Vec<f64> = (0..30).map(|i| 2.0 + (f64::from(i) * 0.9).sin()).collect();
         let arma = Arma::new(&[0.6], &[0.3]);
-        let sums = filter(&arma, &w, true, false, &mut Work::new(arma.r), |_, _, _, _| {});
+        let sums = filter(&arma, &w, true, false, &mut Work::new(arma.r));
         let mean = sums.mean(true);
         // At the least squares mean the sum of squares is at its minimum: compare by brute force.
         let at = |m: f64| {

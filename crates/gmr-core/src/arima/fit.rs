@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::dense::{self, Mean};
 use super::filter::{self, Arma, MAX_STATE, Sums, Work};
 use super::model::{Arima, ArimaParts, check_series, differenced};
-use super::optimise::minimise;
+use super::optimise::{Minimum, minimise};
 use super::polynomial::{invertible, stationary, unconstrained_near};
 use crate::error::{Error, Result};
 use crate::gmm::LN_2_PI;
@@ -69,8 +69,6 @@ pub enum ArimaStart {
     /// At the minimum of the conditional sum of squares, reached from the two-stage regression of
     /// Hannan and Rissanen (1982).
     ConditionalSquares,
-    /// At white noise.
-    WhiteNoise,
     /// At one of the best points of a coarse grid over the whole region.
     Grid,
     /// Nothing to search: `p = q = 0`.
@@ -184,7 +182,7 @@ impl Prepared {
 
     fn evaluate(&self, arma: &Arma, work: &mut Work, conditional: bool) -> Option<Evaluation> {
         if self.complete {
-            let sums: Sums = filter::filter(arma, &self.values, self.constant, conditional, work, |_, _, _, _| {});
+            let sums: Sums = filter::filter(arma, &self.values, self.constant, conditional, work);
             let squares = sums.squares(self.constant);
             Some(Evaluation { log_f: sums.log_f, squares, mean: sums.mean(self.constant) })
         } else {
@@ -232,28 +230,37 @@ impl ArimaPlan {
             }
         };
         let (iterations, tolerance) = (self.params.max_iterations, self.params.tolerance);
-        let mut starts = vec![(ArimaStart::WhiteNoise, vec![0.0; searched])];
+        let mut starts = Vec::new();
         if searched == 0 {
-            starts[0].0 = ArimaStart::Closed;
+            starts.push((ArimaStart::Closed, Vec::new()));
         } else if prepared.complete
             && let Some(x) = hannan_rissanen(&prepared.values, p, q)
         {
             // The conditional sum of squares costs half a likelihood and has the same landscape.
             let rough = minimise(&x, 50, 1e-3, |x| objective(x, true));
-            starts.insert(0, (ArimaStart::ConditionalSquares, rough.x));
+            starts.push((ArimaStart::ConditionalSquares, rough.x));
         }
-        if searched > 1 {
-            let mut grid: Vec<(f64, Vec<f64>)> =
-                coarse_grid(searched).into_iter().map(|x| (objective(&x, false), x)).collect();
-            grid.sort_by(|a, b| a.0.total_cmp(&b.0));
-            starts.extend(grid.into_iter().take(GRID_STARTS).map(|(_, x)| (ArimaStart::Grid, x)));
-        }
-        let mut best = None;
+        let mut grid: Vec<(f64, Vec<f64>)> =
+            coarse_grid(searched).into_iter().map(|x| (objective(&x, false), x)).collect();
+        grid.sort_by(|a, b| a.0.total_cmp(&b.0));
+        starts.extend(grid.into_iter().take(GRID_STARTS).map(|(_, x)| (ArimaStart::Grid, x)));
+        let mut best: Option<(ArimaStart, Minimum)> = None;
         for (start, x) in starts {
-            let found = minimise(&x, iterations, tolerance, |x| objective(x, false));
-            if found.value.is_finite()
-                && best.as_ref().is_none_or(|(_, b): &(_, super::optimise::Minimum)| found.value < b.value - 1e-12)
-            {
+            let found = match &best {
+                None => minimise(&x, iterations, tolerance, |x| objective(x, false)),
+                // Another start only matters when it leads to a higher maximum, which shows early.
+                Some((_, known)) => {
+                    let rough = minimise(&x, iterations, tolerance.max(1e-3), |x| objective(x, false));
+                    if !(rough.value < known.value + 1e-5) || near(&rough.x, &known.x) {
+                        continue;
+                    }
+                    minimise(&rough.x, iterations, tolerance, |x| objective(x, false))
+                }
+            };
+            if best.as_ref().is_some_and(|(_, known)| !(found.value < known.value - 1e-12)) {
+                continue;
+            }
+            if found.value.is_finite() {
                 best = Some((start, found));
             }
         }
@@ -304,6 +311,11 @@ impl ArimaPlan {
     }
 }
 
+/// Whether two ends of a rough search lie in the same hollow.
+fn near(a: &[f64], b: &[f64]) -> bool {
+    a.iter().zip(b).all(|(a, b)| (a.tanh() - b.tanh()).abs() < 0.02)
+}
+
 /// Grid points from which a search is begun. The likelihood of mixed models has several maxima; two more
 /// starts find the highest one wherever the tests know it.
 const GRID_STARTS: usize = 2;
@@ -313,6 +325,9 @@ const GRID_POINTS: usize = 81;
 /// Points with each unconstrained number at -0.8, 0 or 0.8 (partial autocorrelations of 0.66); for more numbers than
 /// that allows, a fixed pseudo-random choice among them.
 fn coarse_grid(numbers: usize) -> Vec<Vec<f64>> {
+    if numbers == 0 {
+        return Vec::new();
+    }
     let all = 3usize.checked_pow(numbers as u32).filter(|n| *n <= GRID_POINTS);
     let mut state = 1u64;
     (0..all.unwrap_or(GRID_POINTS))

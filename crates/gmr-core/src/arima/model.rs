@@ -175,7 +175,7 @@ impl Arima {
             (filtered.observed - d, filtered.log_f, filtered.squares)
         } else {
             let w: Vec<f64> = differenced(y, d).iter().map(|v| v - self.parts.mean).collect();
-            let sums = filter::filter(&arma, &w, false, false, &mut Work::new(arma.r), |_, _, _, _| {});
+            let sums = filter::filter(&arma, &w, false, false, &mut Work::new(arma.r));
             (sums.n, sums.log_f, sums.ww)
         };
         Ok(-0.5 * (n as f64 * (LN_2_PI + variance.ln()) + log_f + squares / variance))

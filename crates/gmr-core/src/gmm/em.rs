@@ -12,7 +12,7 @@ use super::start;
 use crate::error::{Error, Result, check_len};
 use crate::fusion::{Fusion, FusionReport, FusionStep};
 use crate::gaps::Gaps;
-use crate::kernel::{Blocks, Moments, moments};
+use crate::kernel::{Blocks, Moments, log_likelihood, moments};
 use crate::linalg::clip_eigenvalues;
 use crate::samples::Samples;
 
@@ -46,6 +46,13 @@ impl Data<'_> {
         match self {
             Self::Complete(blocks) => Ok(moments(blocks, mixture.kernel(), centres)),
             Self::WithGaps(gaps) => gaps.moments(mixture, centres),
+        }
+    }
+
+    fn log_likelihood(&self, mixture: &Mixture) -> Result<f64> {
+        match self {
+            Self::Complete(blocks) => Ok(log_likelihood(blocks, mixture.kernel())),
+            Self::WithGaps(gaps) => gaps.moments(mixture, mixture.means()).map(|m| m.log_likelihood),
         }
     }
 }
@@ -214,8 +221,7 @@ fn run(job: &Job<'_>, restart: usize) -> std::result::Result<Run, Failure> {
     }
     let iterations = history.len();
     let log_likelihood = data
-        .moments(&mixture, mixture.means())
-        .map(|m| m.log_likelihood)
+        .log_likelihood(&mixture)
         .ok()
         .filter(|l| l.is_finite())
         .ok_or((RestartOutcome::NoSupport { iteration: iterations }, iterations))?;
