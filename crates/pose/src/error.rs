@@ -182,6 +182,14 @@ pub enum Error {
         /// Length that was given.
         got: usize,
     },
+    /// A model is named that is neither a file nor compiled in.
+    #[error("{named}: expected a card (.toml), a network (.onnx), or one of {known}")]
+    UnknownModel {
+        /// The name.
+        named: String,
+        /// The compiled-in cards.
+        known: String,
+    },
 }
 
 /// Result with this crate's [`Error`].

@@ -5,13 +5,17 @@
 //! this order, before it may move its filter:
 //!
 //! 1. **score**: the calibrated probability is at least `min_probability`, and everything is finite;
-//! 2. **swap**: it does not lie where the same joint of the other arm is expected instead of where its own is, judged by
-//!    the predictions, when those are further apart than `swap_separation`;
+//! 2. **swap**: with both sides seen as `r`, `l` and expected at `r'`, `l'`, the two are swapped when that explains them
+//!    better, `|r - l'|^2 + |l - r'|^2 < |r - r'|^2 + |l - l'|^2`, which is `(r - l) . (r' - l') < 0`; below
+//!    `swap_separation` noise decides, so the product must be below `-swap_separation^2`, and the left side below
+//!    `|r' - l'|^2`, or else something other than a swap has happened. With one side seen, it must not
+//!    lie where the other arm's joint is expected instead of its own;
 //! 3. **speed**: from the last accepted place it moved no faster than `max_speed`, beyond noise;
 //! 4. **limb length**: upper arm and forearm are no longer than `max_stretch` times the longest seen of late. (A limb
 //!    may look arbitrarily short; it points at the camera then.)
 //!
-//! A joint without an accepted keypoint is [`ArmJoint::Inferred`] from its motion for at most `max_inferred`, with a
+//! Where both sides are swapped, each filter is moved by the keypoint of the other label; the joint still counts as
+//! inferred. A joint without an accepted keypoint is [`ArmJoint::Inferred`] from its motion for at most `max_inferred`, with a
 //! growing sigma and a falling probability, and [`ArmJoint::Lost`] after that. A joint that is lost, or is refused for
 //! `max_inferred` on end, is taken up again where the network sees it in two consecutive pictures.
 //!
@@ -103,7 +107,7 @@ pub struct GateOptions {
     pub acceleration: f64,
     /// Fastest motion, reach/s. 20 reach/s are 5.6 m/s for an arm of 0.28 m reach: a thrown punch.
     pub max_speed: f64,
-    /// Predictions of both arms closer than this cannot tell a swap, reach.
+    /// Joints of both arms closer than this cannot tell a swap, reach; three times the noise of their difference.
     pub swap_separation: f64,
     /// Longest limb, relative to the longest of late.
     pub max_stretch: f64,
@@ -121,7 +125,7 @@ impl Default for GateOptions {
             noise: 0.05,
             acceleration: 100.0,
             max_speed: 20.0,
-            swap_separation: 0.35,
+            swap_separation: 0.2,
             max_stretch: 1.35,
             max_inferred: Duration::from_millis(300),
             smoothing: None,
@@ -211,9 +215,16 @@ impl ArmGate {
         if let Some(reach_px) = reach_px {
             self.advance(dt, reach_px);
             let verdicts = self.judge(&sights, now, reach_px);
-            for (arm, (sights, verdicts)) in self.joints.iter_mut().zip(sights.iter().zip(verdicts)) {
-                for (joint, (sight, verdict)) in arm.iter_mut().zip(sights.iter().zip(verdicts)) {
-                    joint.absorb(*sight, verdict, now, &self.options, reach_px);
+            for a in 0..2 {
+                for j in 0..3 {
+                    let exchanged = match (verdicts[a][j], verdicts[1 - a][j], sights[1 - a][j]) {
+                        (Some(Refusal::Swapped), Some(Refusal::Swapped), Sight::At { u_px, v_px, .. }) => {
+                            Some((u_px, v_px))
+                        }
+                        _ => None,
+                    };
+                    let seen = (sights[a][j], exchanged);
+                    self.joints[a][j].absorb(seen, verdicts[a][j], now, &self.options, reach_px);
                 }
             }
         }
@@ -296,7 +307,12 @@ impl ArmGate {
                         let at = (u_px, v_px);
                         let too_long = before
                             .is_some_and(|b| (at.0 - b.0).hypot(at.1 - b.1) > self.options.max_stretch * reach_px);
-                        if own.looks_like(other, at, self.options.swap_separation * reach_px) {
+                        let separation_px = self.options.swap_separation * reach_px;
+                        let swapped = match sights[1 - a][j] {
+                            Sight::At { u_px, v_px, .. } => own.is_swapped_with(other, at, (u_px, v_px), separation_px),
+                            _ => false,
+                        };
+                        if swapped || own.looks_like(other, at, separation_px) {
                             Some(Refusal::Swapped)
                         } else if own.is_too_fast(at, now, &self.options, reach_px) {
                             Some(Refusal::TooFast)

@@ -23,6 +23,7 @@ use ort::{environment::Environment, ep::ExecutionProvider as _};
 
 use crate::{Error, Result};
 
+mod inspect;
 mod search;
 
 pub use search::{
@@ -189,6 +190,8 @@ struct Loaded {
 }
 
 static LOADED: Mutex<Option<Loaded>> = Mutex::new(None);
+/// The library whose load failed, if one did.
+static FAILED: Mutex<Option<String>> = Mutex::new(None);
 
 impl Runtime {
     /// Loads the runtime of this process, or joins the one that is loaded.
@@ -287,16 +290,19 @@ fn load_backend(choice: &LibraryChoice) -> Result<Loaded> {
     Ok(Loaded { environment, backend: Backend::Tract, tried })
 }
 
-/// A path with a folder must be a file, so that the loader does not search for it elsewhere.
+/// Loads a library that passed inspection. `FAILED` keeps a second load away after one that failed; see [`inspect`].
 fn load_library(path: &Path) -> Result<Environment, String> {
     let bare = path.parent().is_none_or(|p| p.as_os_str().is_empty());
-    if !bare && !path.is_file() {
-        return Err("no such file".to_owned());
+    if !bare && let Some(defect) = inspect::defect(path, ort::MINOR_VERSION) {
+        return Err(defect);
     }
-    ort::init_from(path)
-        .map_err(|e| e.to_string())?
-        .with_name("ogg")
-        .with_telemetry(false)
-        .build()
-        .map_err(|e| e.to_string())
+    let mut failed = FAILED.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some(earlier) = &*failed {
+        return Err(format!("not tried, because {earlier} failed to load in this process"));
+    }
+    let builder = ort::init_from(path).map_err(|e| {
+        *failed = Some(path.display().to_string());
+        e.to_string()
+    })?;
+    builder.with_name("ogg").with_telemetry(false).build().map_err(|e| e.to_string())
 }

@@ -19,6 +19,15 @@ fn a_wish_fails_and_a_find_is_passed_over_with_its_reason() {
         assert!(matches!(error, Error::Library { .. }), "{error}");
         assert!(error.to_string().contains(&path.display().to_string()), "{error}");
     }
+    // What the inspection of the file cannot see: the loader refuses it, once, and nothing is loaded after it.
+    let forged = dir.path().join("forged.so");
+    std::fs::write(&forged, b"\x7fELF OrtGetApiBase\0VERS_1.99.0\0").unwrap();
+    for said in ["ELF", "not tried"] {
+        let error = load(&forged, LibraryOrigin::Explicit).unwrap_err();
+        assert!(matches!(error, Error::Library { .. }), "{error}");
+        let text = error.to_string();
+        assert!(said == "ELF" && !text.contains("not tried") || text.contains(said), "{text}");
+    }
     let runtime = load(&path, LibraryOrigin::Python).unwrap();
     assert_eq!(runtime.info().backend, Backend::Tract);
     assert_eq!(runtime.info().tried.len(), 1);

@@ -5,8 +5,8 @@
 use std::path::{Path, PathBuf};
 
 use pose::{
-    Backend, Error, Estimator, ExecutionProvider, ImageView, LibraryCandidate, LibraryChoice, LibraryOrigin, Model, Runtime,
-    RuntimeOptions,
+    Backend, Error, Estimator, ExecutionProvider, ImageView, LibraryCandidate, LibraryChoice, LibraryOrigin, Model,
+    Runtime, RuntimeOptions,
 };
 
 fn fixture(name: &str) -> PathBuf {
@@ -39,6 +39,13 @@ fn a_network_of_the_right_shape_runs_and_finds_nobody_in_a_blank_picture() {
     let pixels = vec![90; 64 * 48 * 3];
     let people = estimator.estimate(ImageView::new(64, 48, &pixels).unwrap()).unwrap();
     assert!(people.is_empty());
+}
+
+#[test]
+fn the_own_network_runs_without_any_library() {
+    let mut estimator = Estimator::load(&Model::default(), &tract()).unwrap();
+    let pixels = vec![90; 320 * 240 * 3];
+    assert!(estimator.estimate(ImageView::new(320, 240, &pixels).unwrap()).unwrap().is_empty());
 }
 
 #[test]
@@ -111,11 +118,8 @@ fn a_second_wish_conflicts_and_a_missing_provider_is_named() {
     let error = Runtime::load(RuntimeOptions { library, ..Default::default() }).unwrap_err();
     assert!(matches!(error, Error::RuntimeConflict { .. }), "{error}");
 
-    let cuda = RuntimeOptions {
-        library: LibraryChoice::PureRust,
-        provider: ExecutionProvider::Cuda,
-        ..Default::default()
-    };
+    let cuda =
+        RuntimeOptions { library: LibraryChoice::PureRust, provider: ExecutionProvider::Cuda, ..Default::default() };
     let error = Runtime::load(cuda.clone()).unwrap_err();
     assert!(error.to_string().contains("cuda") && error.to_string().contains("tract"), "{error}");
     let runtime = Runtime::load(RuntimeOptions { fallback: Some(ExecutionProvider::Cpu), ..cuda }).unwrap();

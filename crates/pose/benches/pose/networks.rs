@@ -27,16 +27,18 @@ pub fn rows(tract: bool) -> Vec<Value> {
         LibraryChoice::PureRust
     } else {
         let Some(path) = std::env::var_os("ORT_DYLIB_PATH") else {
-            return vec![json!({ "name": "networks on ONNX Runtime", "unit": "ms", "note": "left out: ORT_DYLIB_PATH is not set" })];
+            return vec![
+                json!({ "name": "networks on ONNX Runtime", "unit": "ms", "note": "left out: ORT_DYLIB_PATH is not set" }),
+            ];
         };
         LibraryChoice::Search(vec![LibraryCandidate { path: path.into(), origin: LibraryOrigin::Environment }])
     };
     let threads = std::env::var("OGG_POSE_THREADS").ok().and_then(|t| t.parse().ok()).unwrap_or(2);
     let options = RuntimeOptions { library, threads: Some(threads), ..Default::default() };
     let runtime = Runtime::load(options).unwrap();
-    let mut models: Vec<Model> = Vec::new();
+    let mut models = vec![Model::default()];
     if let Some(dir) = std::env::var_os("OGG_POSE_MODELS").map(PathBuf::from) {
-        for card in Model::builtin_cards() {
+        for card in Model::builtin_cards().into_iter().skip(1) {
             models.extend(Model::find(Path::new(&card.name), std::slice::from_ref(&dir)));
         }
     }

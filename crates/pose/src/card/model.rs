@@ -17,6 +17,7 @@ const MAX_BYTES: u64 = 512 << 20;
 
 /// Name and text of every card that is compiled in.
 pub const BUILTIN_CARDS: &[(&str, &str)] = &[
+    ("ogg-lite", OWN.0),
     ("movenet-thunder", include_str!("../../cards/movenet-thunder.toml")),
     ("movenet-thunder-trunk", include_str!("../../cards/movenet-thunder-trunk.toml")),
     ("movenet-lightning", include_str!("../../cards/movenet-lightning.toml")),
@@ -24,6 +25,9 @@ pub const BUILTIN_CARDS: &[(&str, &str)] = &[
     ("blazepose-full", include_str!("../../cards/blazepose-full.toml")),
     ("openpose-mobilenet-v2-small", include_str!("../../cards/openpose-mobilenet-v2-small.toml")),
 ];
+
+/// The project's own network, in this program: card and weights.
+const OWN: (&str, &[u8]) = (include_str!("../../models/ogg-lite.toml"), include_bytes!("../../models/ogg-lite.onnx"));
 
 /// Where the weights of a model are.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -43,12 +47,22 @@ pub struct Model {
     pub weights: Weights,
 }
 
+impl Default for Model {
+    /// `ogg-lite`, the project's own network, whose weights are in this program.
+    fn default() -> Self {
+        let card = ModelCard::parse(OWN.0, Path::new("ogg-lite.toml"))
+            .unwrap_or_else(|e| panic!("compiled-in card is broken: {e}"));
+        Self { card, weights: Weights::Embedded(OWN.1) }
+    }
+}
+
 impl Model {
     /// Finds a model by what a user names it.
     ///
     /// - `x.toml` is a card; its weights lie beside it or in one of `weights_dirs`, in this order.
     /// - `x.onnx` is a network; its card is `x.toml` beside it, or the compiled-in card with its SHA-256.
-    /// - anything else is the name of a compiled-in card; its weights lie in one of `weights_dirs`.
+    /// - anything else, with or without `builtin:` before it, is the name of a compiled-in card; its weights lie in one of
+    ///   `weights_dirs`, but those of `ogg-lite` are in this program.
     ///
     /// The weights are only hashed by [`Model::read_weights`] (and here, where the hash is the only way to a card).
     ///
@@ -76,14 +90,14 @@ impl Model {
                 Ok(Self { card, weights: Weights::File(named.to_owned()) })
             }
             _ => {
-                let name = named.to_string_lossy();
-                let card =
-                    Self::builtin_cards().into_iter().find(|c| c.name == name).ok_or_else(|| Error::Parameter {
-                        field: "model",
-                        expected: "a card (.toml), a network (.onnx) or the name of a compiled-in card",
-                        got: name.into_owned(),
-                    })?;
-                Self::with_weights(card, weights_dirs)
+                let text = named.to_string_lossy();
+                let name = text.strip_prefix("builtin:").unwrap_or(&text);
+                let card = Self::builtin_cards().into_iter().find(|c| c.name == name).ok_or_else(|| {
+                    let names: Vec<String> = BUILTIN_CARDS.iter().map(|(name, _)| format!("builtin:{name}")).collect();
+                    Error::UnknownModel { named: text.clone().into_owned(), known: names.join(", ") }
+                })?;
+                let own = Self::default();
+                if card == own.card { Ok(own) } else { Self::with_weights(card, weights_dirs) }
             }
         }
     }

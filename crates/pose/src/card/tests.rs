@@ -14,6 +14,7 @@ fn every_builtin_card_is_valid_and_carries_its_own_name() {
     for ((name, _), card) in BUILTIN_CARDS.iter().zip(Model::builtin_cards()) {
         assert_eq!(card.name, *name);
     }
+    assert_eq!(Model::builtin_cards()[0], Model::default().card);
     let mut digests: Vec<_> = Model::builtin_cards().into_iter().map(|c| c.sha256).collect();
     digests.sort_unstable();
     digests.dedup();
@@ -108,7 +109,7 @@ fn contradictions_are_refused_with_field_expectation_and_value() {
         (openpose.replace("first = 0, channels = 19", "first = 0, channels = 25"), "openpose.pcm.channels"),
         (openpose.replace("paf = [12, 13]", "paf = [12, 38]"), "openpose.limbs.paf"),
         (openpose.replace("to = \"right_wrist\"", "to = \"right_heel\""), "openpose.limbs"),
-        (openpose.replace("stride = 8", "stride = 8\npeak_threshold = nan"), "openpose.peak_threshold"),
+        (openpose.replace("peak_threshold = 0.05", "peak_threshold = nan"), "openpose.peak_threshold"),
     ];
     for (card, field) in cases {
         let error = parse(&card).unwrap_err();
@@ -152,6 +153,14 @@ fn a_network_without_a_card_is_known_by_its_digest_or_refused() {
     assert!(error.to_string().contains("n.toml") && error.to_string().contains("2cf24dba"), "{error}");
     std::fs::create_dir(dir.path().join("d.onnx")).unwrap();
     assert!(Model::find(&dir.path().join("d.onnx"), &[]).is_err());
-    assert!(matches!(Model::find(Path::new("nonsense"), &[]), Err(Error::Parameter { .. })));
+    assert!(matches!(Model::find(Path::new("nonsense"), &[]), Err(Error::UnknownModel { .. })));
     assert!(matches!(Model::find(Path::new("gone.toml"), &[]), Err(Error::Read { .. })));
+}
+
+#[test]
+fn the_own_network_needs_no_file_and_matches_its_card() {
+    let own = Model::find(Path::new("ogg-lite"), &[]).unwrap();
+    assert_eq!(own, Model::default());
+    assert!(matches!(own.weights, Weights::Embedded(_)));
+    assert!(own.read_weights().unwrap().len() > 100_000);
 }

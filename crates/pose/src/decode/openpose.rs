@@ -30,8 +30,9 @@ const SAMPLES: usize = 10;
 const SUPPORT: f32 = 0.8;
 /// Fewer keypoints make no person: two joined parts may be noise, an arm has three.
 const MIN_PARTS: usize = 3;
-/// A person whose keypoints score less on average is noise.
-const MIN_MEAN_SCORE: f32 = 0.2;
+/// A person whose [`MIN_PARTS`] strongest keypoints score less on average is noise. Weaker keypoints beside them do not
+/// count against a person.
+const MIN_STRONGEST: f32 = 0.25;
 
 /// A block of channels in a map tensor with a batch of one.
 #[derive(Debug, Clone, Copy)]
@@ -103,8 +104,10 @@ impl Field<'_> {
         let (dx, dy) = (to.x - from.x, to.y - from.y);
         let length = dx.hypot(dy);
         if length < 1e-3 {
-            // Two parts in one place have no direction; the field cannot speak against them.
-            return (threshold, 1.0);
+            // Two parts in one place have no direction; only the field's strength can speak for them.
+            let [lx, ly] = self.sample(from.x, from.y);
+            let strength = lx.hypot(ly);
+            return (strength, f32::from(u8::from(strength >= threshold)));
         }
         let (ux, uy) = (dx / length, dy / length);
         let (mut sum, mut support) = (0.0, 0);
@@ -213,8 +216,11 @@ impl OpenPoseDecoder {
         if found < MIN_PARTS {
             return None;
         }
-        let score = keypoints.iter().flatten().map(|k| k.score).sum::<f32>() / found as f32;
-        (score >= MIN_MEAN_SCORE).then_some(Person { skeleton: self.skeleton, keypoints, score })
+        let mut scores: Vec<f32> = keypoints.iter().flatten().map(|k| k.score).collect();
+        scores.sort_by(|a, b| b.total_cmp(a));
+        let strongest = scores[..MIN_PARTS].iter().sum::<f32>() / MIN_PARTS as f32;
+        let score = scores.iter().sum::<f32>() / found as f32;
+        (strongest >= MIN_STRONGEST).then_some(Person { skeleton: self.skeleton, keypoints, score })
     }
 }
 

@@ -56,6 +56,8 @@ pub(super) struct JointFilter {
     /// A refused place of the picture before, from where the joint may be taken up again.
     rival: Option<(f64, f64)>,
     refusal: Option<Refusal>,
+    /// The last picture moved nothing.
+    coasting: bool,
     smoothing: Option<[OneEuro; 2]>,
 }
 
@@ -84,7 +86,7 @@ impl JointFilter {
             Some(p) => Some([OneEuro::new(p)?, OneEuro::new(p)?]),
             None => None,
         };
-        Ok(Self { track: None, rival: None, refusal: Some(Refusal::NotSeen), smoothing })
+        Ok(Self { track: None, rival: None, refusal: Some(Refusal::NotSeen), coasting: false, smoothing })
     }
 
     pub(super) fn refusal(&self) -> Option<Refusal> {
@@ -103,7 +105,7 @@ impl JointFilter {
     }
 
     pub(super) fn predict(&mut self, dt_s: f64, acceleration_px: f64) {
-        let coasting = self.refusal.is_some();
+        let coasting = self.coasting;
         if let Some(track) = &mut self.track {
             if coasting {
                 let share = COAST_SHARE_PER_100_MS.powf(dt_s / 0.1);
@@ -115,11 +117,29 @@ impl JointFilter {
         }
     }
 
-    /// Gate 2: nearer to the other arm's prediction than to its own by half their separation.
+    /// Gate 2 with both sides seen: the line between them points against the line between the predictions, and the
+    /// exchange explains both.
+    pub(super) fn is_swapped_with(
+        &self,
+        other: &Self,
+        at: (f64, f64),
+        other_at: (f64, f64),
+        separation_px: f64,
+    ) -> bool {
+        let (Some(own), Some(other)) = (self.place(), other.place()) else { return false };
+        let seen = (at.0 - other_at.0, at.1 - other_at.1);
+        let expected = (own.0 - other.0, own.1 - other.1);
+        let crosswise = distance(at, other).hypot(distance(other_at, own));
+        crosswise < distance(own, other) && seen.0 * expected.0 + seen.1 * expected.1 < -separation_px * separation_px
+    }
+
+    /// Gate 2 with one side seen, or both in one place: near the other arm's prediction, and nearer than
+    /// to its own by half their separation.
     pub(super) fn looks_like(&self, other: &Self, at: (f64, f64), separation_px: f64) -> bool {
         let (Some(own), Some(other)) = (self.place(), other.place()) else { return false };
         let apart = distance(own, other);
-        apart >= separation_px && distance(at, own) - distance(at, other) > 0.5 * apart
+        let (to_own, to_other) = (distance(at, own), distance(at, other));
+        apart >= separation_px && to_other < 0.5 * apart && to_own - to_other > 0.5 * apart
     }
 
     /// Gate 3: beyond what the fastest arm does since the last accepted keypoint, and beyond the prediction's doubt.
@@ -136,16 +156,18 @@ impl JointFilter {
         du.hypot(dv) > GATE_SIGMA
     }
 
-    /// Takes or refuses the keypoint of this picture. The filters have been predicted to `now`.
+    /// Takes or refuses the keypoint of this picture. The filters have been predicted to `now`. `exchanged` is what the
+    /// network says of the other arm's joint, where both are swapped.
     pub(super) fn absorb(
         &mut self,
-        sight: Sight,
+        (sight, exchanged): (Sight, Option<(f64, f64)>),
         verdict: Option<Refusal>,
         now: Duration,
         options: &GateOptions,
         reach_px: f64,
     ) {
         self.refusal = verdict;
+        self.coasting = verdict.is_some();
         let Sight::At { u_px, v_px, probability } = sight else {
             self.rival = None;
             return;
@@ -161,6 +183,7 @@ impl JointFilter {
         };
         let Some(track) = &mut self.track else {
             self.refusal = None;
+            self.coasting = false;
             self.track = Some(start);
             return;
         };
@@ -179,10 +202,18 @@ impl JointFilter {
         if stale && agrees {
             self.track = Some(start);
             self.refusal = None;
+            self.coasting = false;
             self.rival = None;
             self.smoothing.iter_mut().flatten().for_each(OneEuro::reset);
-        } else {
-            self.rival = Some(at);
+            return;
+        }
+        self.rival = Some(at);
+        if let Some((u_px, v_px)) = exchanged {
+            // The other label's place moves the filter, but does not make the joint seen: labels that stay exchanged end
+            // as lost, and are then taken as the network gives them.
+            track.u.update(u_px, sigma_px);
+            track.v.update(v_px, sigma_px);
+            self.coasting = false;
         }
     }
 

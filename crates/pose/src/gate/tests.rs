@@ -53,7 +53,8 @@ fn swap_sides(person: &mut Person, parts: std::ops::Range<usize>) {
 /// F6 of the fault table: swaps of one to three pictures, whole arms or wrists alone, at 30 Hz.
 #[test]
 fn injected_swaps_are_refused_and_good_pictures_are_not() {
-    let (mut swapped, mut caught, mut good, mut refused, mut worst_px) = (0, 0, 0, 0, 0.0_f64);
+    let (mut swapped, mut caught, mut good, mut refused) = (0, 0, 0, 0);
+    let mut errors_px = Vec::new();
     for seed in 0..60 {
         let mut noise = Noise(seed * 104_729 + 3);
         let mut gate = ArmGate::new(Side::Right, GateOptions::default()).unwrap();
@@ -82,17 +83,24 @@ fn injected_swaps_are_refused_and_good_pictures_are_not() {
                 refused += usize::from(!arm.wrist.is_measured());
             }
             if i > 15 {
-                let e = arm.wrist.estimate().unwrap();
+                let Some(e) = arm.wrist.estimate() else {
+                    panic!("seed {seed} picture {i}: {:?} {:?} {:?}", gate.refusal(Part::RightWrist), arm, truth[0]);
+                };
                 let error = (e.u_px - truth[0][2].0).hypot(e.v_px - truth[0][2].1);
-                worst_px = if is_swapped { worst_px.max(error) } else { worst_px };
+                if is_swapped {
+                    errors_px.push(error);
+                }
             }
         }
     }
     let (caught_share, refused_share) = (caught as f64 / swapped as f64, refused as f64 / good as f64);
+    eprintln!("swaps refused {caught_share:.4}, good refused {refused_share:.5}");
     assert!(swapped > 2000 && caught_share >= 0.995, "caught {caught} of {swapped}");
     assert!(refused_share <= 0.005, "refused {refused} of {good}");
-    // 20 mm are 6.7 px here; a swap is coasted over for up to 100 ms, with noise of 4 px in each coordinate.
-    assert!(worst_px < 30.0, "{worst_px} px");
+    errors_px.sort_by(f64::total_cmp);
+    // 20 mm are 6.7 px here; keypoints alone are 4 px in each coordinate off.
+    let (median, most) = (errors_px[errors_px.len() / 2], errors_px[errors_px.len() * 995 / 1000]);
+    assert!(median < 6.7 && most < 20.0, "{median} {most} px");
 }
 
 #[test]

@@ -97,7 +97,7 @@ fn labels_strategy(batch: usize, people: usize) -> impl Strategy<Value = (Vec<f3
     let n = batch * people;
     (
         proptest::collection::vec((-300..2100_i32).prop_map(|v| v as f32 / 16.0 + 0.03), n * 36),
-        proptest::collection::vec(prop_oneof![Just(0_u8), Just(1), Just(2), 3 => Just(3)], n * 18),
+        proptest::collection::vec(prop_oneof![1 => Just(0_u8), 1 => Just(1), 1 => Just(2), 3 => Just(3)], n * 18),
         proptest::collection::vec((0..1000_i32, 0..1000_i32, 100..1000_i32, 100..1000_i32), n),
     )
         .prop_map(|(joints, states, boxes)| {

@@ -1,7 +1,8 @@
 //! Exact matching of a handful of tracks and people.
 
 /// The matching of least cost (for each track a person or none), and how much more the best matching costs in which track
-/// `watched` has another choice. A track without a person costs `absent`; `None` where `watched` is nobody.
+/// `watched` has another choice, nobody being one. A track without a person costs `absent`; `None` where `watched` is
+/// nobody.
 ///
 /// With at most six tracks and six people there are 13,327 matchings; all are tried.
 pub(super) fn best_two(costs: &[Vec<f64>], absent: f64, watched: Option<usize>) -> (Vec<Option<usize>>, Option<f64>) {
@@ -18,10 +19,8 @@ pub(super) fn best_two(costs: &[Vec<f64>], absent: f64, watched: Option<usize>) 
     let mut order: Vec<usize> = (0..search.by_watched.len()).collect();
     order.sort_by(|a, b| search.by_watched[*a].0.total_cmp(&search.by_watched[*b].0));
     let (best, matching) = search.by_watched[order[0]].clone();
-    // Being nobody is no rival: only another person can be mistaken for the worker.
-    let rival = order[1..].iter().filter(|i| **i < people).map(|i| search.by_watched[*i].0).next();
-    let chosen_somebody = order[0] < people;
-    let margin = rival.filter(|r| r.is_finite() && watched.is_some() && chosen_somebody).map(|r| r - best);
+    let rival = search.by_watched[order.get(1).copied().unwrap_or(order[0])].0;
+    let margin = (watched.is_some() && order.len() > 1 && rival.is_finite()).then_some(rival - best);
     (matching, margin)
 }
 
