@@ -236,4 +236,16 @@ pub enum Error {
         /// What is wrong.
         reason: &'static str,
     },
+    /// The depth image says too little around a pixel.
+    #[error("pixel ({u_px}, {v_px}): {usable} usable depth readings, needed {needed}")]
+    NoDepth {
+        /// The pixel.
+        u_px: f64,
+        /// The pixel.
+        v_px: f64,
+        /// Readings within range.
+        usable: usize,
+        /// Readings needed.
+        needed: usize,
+    },
 }

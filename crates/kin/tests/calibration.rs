@@ -3,6 +3,7 @@
     clippy::unwrap_used,
     clippy::float_cmp,
     clippy::disallowed_methods,
+    clippy::unreadable_literal,
     reason = "tests: a panic is a failure, exact values are meant"
 )]
 

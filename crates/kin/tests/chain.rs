@@ -6,7 +6,7 @@
     reason = "tests: a panic is a failure, exact values are meant"
 )]
 
-use kin::{Chain, FollowOptions, IkOptions, IkReason, Robot, UrdfOptions};
+use kin::{Chain, FollowOptions, IkMethod, IkOptions, IkReason, Robot, UrdfOptions};
 use nalgebra::{Isometry3, Matrix6xX, Vector3};
 use proptest::prelude::*;
 use rand::{Rng, SeedableRng};
@@ -110,7 +110,7 @@ fn inverse_kinematics_finds_every_reachable_pose() {
     for _ in 0..2000 {
         let target = chain.fk(&random_within(&chain, &mut random));
         let mut q = random_within(&chain, &mut random);
-        let report = chain.ik(&target, &IkOptions::default(), &mut q);
+        let report = chain.ik(&target, &IkOptions::default().method(IkMethod::Numeric), &mut q);
         assert_eq!(report.reason, IkReason::Reached, "{report:?}");
         let reached = chain.fk(&q);
         assert!((reached.translation.vector - target.translation.vector).norm() <= 1e-6);
@@ -129,7 +129,7 @@ fn the_same_question_has_the_same_answer_bit_for_bit() {
     let seed = random_within(&chain, &mut random);
     let solve = || {
         let mut q = seed.clone();
-        let report = chain.ik(&target, &IkOptions::default(), &mut q);
+        let report = chain.ik(&target, &IkOptions::default().method(IkMethod::Numeric), &mut q);
         (report, q)
     };
     assert_eq!(solve(), solve());
@@ -177,7 +177,7 @@ fn the_caller_can_end_the_search() {
     let target = chain.fk(&[0.3, 1.2, -1.6, -1.1, 0.2, 0.0]);
     let mut q = [2.0, 2.0, 1.0, 0.0, 1.0, 0.0];
     let mut left = 3;
-    let report = chain.ik_while(&target, &IkOptions::default(), &mut q, &mut || {
+    let report = chain.ik_while(&target, &IkOptions::default().method(IkMethod::Numeric), &mut q, &mut || {
         left -= 1;
         left >= 0
     });
@@ -220,4 +220,22 @@ fn condition_and_manipulability_agree_with_the_singular_values() {
     let short = Robot::builtin().chain("base_link", "link_3").unwrap();
     let values = short.jacobian(&q[..3]).singular_values();
     assert!((short.dexterity(&q[..3]).condition / (values[0] / values[2]) - 1.0).abs() < 1e-6);
+}
+
+proptest! {
+    #[test]
+    fn the_rate_of_the_jacobian_equals_central_differences(
+        q in prop::array::uniform4(-1.5..1.5f64), qd in prop::array::uniform4(-2.0..2.0f64)
+    ) {
+        let robot = tree();
+        for (base, tip) in [("root", "l4"), ("r2", "l4"), ("l4", "r2"), ("l3", "root")] {
+            let chain = robot.chain(base, tip).unwrap();
+            let (q, qd) = (part(&robot, &chain, &q), part(&robot, &chain, &qd));
+            let mut rates = Matrix6xX::zeros(q.len());
+            chain.jacobian_rate_into(&q, &qd, &mut rates);
+            let h = 1e-6;
+            let at = |t: f64| chain.jacobian(&q.iter().zip(&qd).map(|(q, qd)| q + t * qd).collect::<Vec<_>>());
+            prop_assert!((rates - (at(h) - at(-h)) / (2.0 * h)).norm() < 1e-8);
+        }
+    }
 }

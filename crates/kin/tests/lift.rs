@@ -6,7 +6,10 @@
     reason = "tests: a panic is a failure, exact values are meant"
 )]
 
-use kin::{Camera, Distortion, Error, Homography, Intrinsics, TriangulateOptions, Triangulated, View, triangulate};
+use kin::{
+    Camera, DepthImage, DepthPatch, Distortion, Error, Homography, Intrinsics, TriangulateOptions, Triangulated, View,
+    triangulate,
+};
 use nalgebra::{Matrix3, Point2, Point3, Vector2, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -61,7 +64,9 @@ fn without_noise_the_point_comes_back() {
         for _ in 0..50 {
             let point = some_point(&mut random);
             let mut views = views(&cameras[..count], &point, 0.0, &mut random);
-            views.iter_mut().for_each(|view| view.sigma_px = 1.0);
+            for view in &mut views {
+                view.sigma_px = 1.0;
+            }
             let found = solve(&views).unwrap();
             assert!((found.point_m - point).norm() < 1e-8);
             assert!(found.views.iter().all(|view| view.used) && found.freedom == 2 * count - 3);
@@ -214,4 +219,54 @@ fn degenerate_homographies_are_refused() {
     assert!(Homography::from_correspondences(&three[..3]).is_err());
     let nan = [at(0.0, 0.0), at(1.0, 0.0), at(1.0, f64::NAN), at(0.0, 1.0)];
     assert!(Homography::from_correspondences(&nan).is_err());
+}
+
+fn depth_scene(far_m: f32) -> Vec<f32> {
+    // An arm 13 px wide at 0.9 m before a bench, with holes.
+    (0..64 * 48)
+        .map(|i| match (i % 64, i / 64) {
+            (x, y) if (x + y) % 5 == 0 => 0.0,
+            (x, y) if (x * y) % 7 == 3 => f32::NAN,
+            (x, _) if (26..39).contains(&x) => 0.9 + 0.002 * ((i % 3) as f32 - 1.0),
+            _ => far_m,
+        })
+        .collect()
+}
+
+#[test]
+fn the_depth_patch_reads_the_arm_and_not_the_bench_behind_it() {
+    let depth_m = depth_scene(1.6);
+    let image = DepthImage { depth_m: &depth_m, width_px: 64 };
+    // Near the edge of the arm, where most of the patch sees the bench.
+    for u in [28.0, 32.0, 37.0, 38.0] {
+        let (depth, sigma) = DepthPatch::default().read(&image, &Point2::new(u, 24.0)).unwrap();
+        assert!((depth - 0.9).abs() < 0.003, "{u}: {depth}");
+        assert!((0.005..0.01).contains(&sigma));
+    }
+    let off = DepthPatch::default().read(&image, &Point2::new(-3.0, 24.0));
+    assert!(matches!(off, Err(Error::NoDepth { .. })));
+    let nothing = vec![0.0; 64 * 48];
+    let empty = DepthImage { depth_m: &nothing, width_px: 64 };
+    assert!(matches!(
+        DepthPatch::default().read(&empty, &Point2::new(9.0, 9.0)),
+        Err(Error::NoDepth { usable: 0, .. })
+    ));
+}
+
+#[test]
+fn the_depth_lift_is_as_uncertain_as_its_covariance_says() {
+    let camera = &ring(3)[1];
+    let mut random = ChaCha8Rng::seed_from_u64(8);
+    let (sigma_px, sigma_depth_m) = (3.0, 0.01);
+    let trials = 4000;
+    let mut mean = 0.0;
+    for _ in 0..trials {
+        let truth = some_point(&mut random);
+        let pixel = camera.project(&truth).unwrap() + Vector2::new(normal(&mut random), normal(&mut random)) * sigma_px;
+        let depth_m = (camera.camera_from_world * truth).z + sigma_depth_m * normal(&mut random);
+        let lifted = camera.lift_with_depth(&pixel, sigma_px, depth_m, sigma_depth_m).unwrap();
+        mean += mahalanobis2(lifted.point_m - truth, &lifted.covariance_m2) / f64::from(trials);
+    }
+    assert!((mean - 3.0).abs() < 0.16, "{mean}");
+    assert!(camera.lift_with_depth(&Point2::new(9.0, 9.0), 1.0, 0.0, 0.1).is_err());
 }

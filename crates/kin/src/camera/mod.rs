@@ -14,6 +14,7 @@
 //! count from the centre of the top-left pixel.
 
 mod calibration;
+mod depth;
 mod homography;
 mod lens;
 mod plane;
@@ -22,6 +23,7 @@ mod triangulate;
 use nalgebra::{Isometry3, Matrix2x3, Point2, Point3, Unit, Vector2, Vector3};
 
 pub use calibration::{Calibration, CalibrationFormat, parse_calibration, read_calibration, read_cameras};
+pub use depth::{DepthImage, DepthPatch};
 pub use homography::Homography;
 pub use lens::{Distortion, Intrinsics};
 pub use triangulate::{Lifted, TriangulateOptions, Triangulated, View, ViewResidual, triangulate};

@@ -7,6 +7,7 @@ pub(crate) type Column = [f64; 4];
 
 /// Rotation columns `x`, `y`, `z` and translation `p`.
 #[derive(Debug, Clone, Copy)]
+#[repr(align(32))]
 pub(crate) struct Frame {
     pub(crate) x: Column,
     pub(crate) y: Column,
@@ -83,7 +84,8 @@ impl Frame {
     }
 }
 
-#[inline]
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "must take on the instruction set of its caller")]
 pub(crate) fn cross(a: &Column, b: &Column) -> Column {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0], 0.0]
 }

@@ -12,16 +12,21 @@
 mod frame;
 mod kernel;
 mod measures;
+mod rates;
 mod sincos;
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
+use crate::analytic::Analytic;
+use crate::simd::Machine;
 use crate::{Error, JointId, JointLimits, LinkId, Robot};
 pub(crate) use frame::{Frame, cross};
 pub use measures::Dexterity;
 
 /// The longest joint vector of a chain.
 pub(crate) const MAX_DOF: usize = 32;
+/// The most moving joints of a chain, mimic joints included.
+pub(crate) const MAX_STAGES: usize = 64;
 
 /// One moving joint of the path.
 #[derive(Debug, Clone)]
@@ -62,8 +67,10 @@ pub struct Chain {
     end: Frame,
     /// Stage `i` belongs to joint value `i`, one to one, without multiplier: the usual arm.
     plain: bool,
+    pub(crate) machine: Machine,
     /// All stages turn, as well as `plain`.
     plain_turns: bool,
+    analytic: Option<Box<Analytic>>,
 }
 
 impl Robot {
@@ -95,9 +102,16 @@ impl Robot {
         if joints.len() > MAX_DOF {
             return Err(Error::Length { what: "joints of a chain (at most)", expected: MAX_DOF, got: joints.len() });
         }
+        if stages.len() > MAX_STAGES {
+            return Err(Error::Length {
+                what: "moving joints of a chain (at most)",
+                expected: MAX_STAGES,
+                got: stages.len(),
+            });
+        }
         let plain = stages.len() == joints.len() && stages.iter().enumerate().all(|(i, s)| s.dof == i && !s.mimics);
         let plain_turns = plain && stages.iter().all(|stage| stage.turns);
-        Ok(Chain {
+        let mut chain = Chain {
             base: base.to_owned(),
             tip: tip.to_owned(),
             names: joints.iter().map(|id| self.joints()[id.index()].name.clone()).collect(),
@@ -106,8 +120,12 @@ impl Robot {
             stages,
             end: Frame::from_isometry(&pending),
             plain,
+            machine: Machine::detect(),
             plain_turns,
-        })
+            analytic: None,
+        };
+        chain.analytic = crate::analytic::recognise(&chain).map(Box::new);
+        Ok(chain)
     }
 
     /// The joints from a link to the root, nearest first.
@@ -169,7 +187,7 @@ impl Builder<'_> {
 }
 
 /// A rotation that takes z onto the axis; the shortest, or a half turn about x.
-fn z_onto(axis: Vector3<f64>) -> UnitQuaternion<f64> {
+pub(crate) fn z_onto(axis: Vector3<f64>) -> UnitQuaternion<f64> {
     UnitQuaternion::rotation_between(&Vector3::z(), &axis)
         .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI))
 }
@@ -208,6 +226,14 @@ impl Chain {
     /// Where a joint stands in a joint vector of this chain.
     pub fn joint_index(&self, name: &str) -> Option<usize> {
         self.names.iter().position(|known| known == name)
+    }
+
+    pub(crate) fn is_plain_turning(&self) -> bool {
+        self.plain_turns
+    }
+
+    pub(crate) fn closed_form(&self) -> Option<&Analytic> {
+        self.analytic.as_deref()
     }
 
     /// Clamps each value to its position limits; says whether anything changed.

@@ -43,7 +43,8 @@ const COSINE: [f64; 8] = [
 ];
 
 /// Sines and cosines of a block of angles (rad).
-#[inline]
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "must take on the instruction set of its caller")]
 pub(crate) fn sin_cos(x: &[f64; BLOCK]) -> ([f64; BLOCK], [f64; BLOCK]) {
     let mut sines = [0.0; BLOCK];
     let mut cosines = [0.0; BLOCK];
@@ -55,12 +56,8 @@ pub(crate) fn sin_cos(x: &[f64; BLOCK]) -> ([f64; BLOCK], [f64; BLOCK]) {
         let n = shifted - ROUND;
         let r = ((x[i] - n * HALF_PI_HIGH) - n * HALF_PI_MIDDLE) - n * HALF_PI_LOW;
         let r2 = r * r;
-        let mut s = SINE[0];
-        let mut c = COSINE[0];
-        for k in 1..8 {
-            s = s * r2 + SINE[k];
-            c = c * r2 + COSINE[k];
-        }
+        let s = polynomial(&SINE, r2);
+        let c = polynomial(&COSINE, r2);
         let s = r + r * (r2 * s);
         let c = 1.0 - (0.5 * r2 - r2 * r2 * c);
         // Odd quadrants swap sine and cosine; quadrants 2, 3 negate the sine, 1, 2 the cosine.
@@ -76,6 +73,17 @@ pub(crate) fn sin_cos(x: &[f64; BLOCK]) -> ([f64; BLOCK], [f64; BLOCK]) {
         }
     }
     (sines, cosines)
+}
+
+/// Eight coefficients, highest power first, in the order of Estrin: three steps deep instead of seven.
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "must take on the instruction set of its caller")]
+fn polynomial(c: &[f64; 8], x: f64) -> f64 {
+    let x2 = x * x;
+    let x4 = x2 * x2;
+    let high = (c[0] * x + c[1]) * x2 + (c[2] * x + c[3]);
+    let low = (c[4] * x + c[5]) * x2 + (c[6] * x + c[7]);
+    high * x4 + low
 }
 
 #[cfg(test)]

@@ -11,6 +11,16 @@ mod numeric;
 
 use nalgebra::Isometry3;
 
+/// How the answer is found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum IkMethod {
+    /// In closed form where the chain has one and other branches are allowed, else by least squares.
+    #[default]
+    Auto,
+    /// By least squares only.
+    Numeric,
+}
+
 /// What to solve for and how hard to try.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
@@ -29,6 +39,8 @@ pub struct IkOptions {
     pub restarts: u32,
     /// Where the random poses begin; the same number gives the same answer. Default 0.
     pub random_seed: u64,
+    /// Closed form or least squares. Default [`IkMethod::Auto`].
+    pub method: IkMethod,
 }
 
 impl Default for IkOptions {
@@ -40,6 +52,7 @@ impl Default for IkOptions {
             iterations: 3000,
             restarts: 60,
             random_seed: 0,
+            method: IkMethod::Auto,
         }
     }
 }
@@ -85,6 +98,13 @@ impl IkOptions {
         self
     }
 
+    /// Sets [`IkOptions::method`].
+    #[must_use]
+    pub fn method(mut self, method: IkMethod) -> Self {
+        self.method = method;
+        self
+    }
+
     /// Sets [`IkOptions::random_seed`].
     #[must_use]
     pub fn random_seed(mut self, seed: u64) -> Self {
@@ -118,11 +138,12 @@ pub struct IkReport {
     pub position_error_m: f64,
     /// Angle between the tip and the target (rad); NaN never, zero when the rotation is ignored.
     pub rotation_error_rad: f64,
-    /// Least-squares steps over all attempts.
+    /// Least-squares steps over all attempts; zero for an answer in closed form.
     pub iterations: u32,
-    /// Attempts, the one from the seed included.
+    /// Attempts, the one from the seed included; zero for an answer in closed form.
     pub attempts: u32,
-    /// Whether the answer came from the seed (else from a random restart, on whichever branch).
+    /// Whether the answer came from the seed, in closed form the branch nearest to it (else from a random restart, on
+    /// whichever branch).
     pub from_seed: bool,
 }
 
@@ -174,12 +195,45 @@ impl crate::Chain {
         go_on: &mut dyn FnMut() -> bool,
     ) -> IkReport {
         assert_eq!(q.len(), self.dof(), "seed of chain {} -> {}", self.base(), self.tip());
+        if options.method == IkMethod::Auto
+            && options.restarts > 0
+            && options.rotation_weight_m_per_rad > 0.0
+            && let Some(report) = self.in_closed_form(base_from_target, options, q)
+        {
+            return report;
+        }
         match self.dof() {
-            6 => numeric::solve::<6>(self, base_from_target, options, q, go_on),
-            7 => numeric::solve::<7>(self, base_from_target, options, q, go_on),
-            1..=5 => numeric::solve::<5>(self, base_from_target, options, q, go_on),
-            8..=12 => numeric::solve::<12>(self, base_from_target, options, q, go_on),
+            1..=7 => numeric::solve::<7>(self, base_from_target, options, q, go_on),
             _ => numeric::solve::<32>(self, base_from_target, options, q, go_on),
         }
+    }
+
+    fn in_closed_form(
+        &self,
+        base_from_target: &Isometry3<f64>,
+        options: &IkOptions,
+        q: &mut [f64],
+    ) -> Option<IkReport> {
+        let analytic = self.analytic()?;
+        let seed: [f64; 6] = (&*q).try_into().ok()?;
+        if !seed.iter().all(|value| value.is_finite()) {
+            return None;
+        }
+        let solution = analytic.nearest(base_from_target, &seed)?;
+        let reached = self.fk(&solution);
+        let position_error_m = (reached.translation.vector - base_from_target.translation.vector).norm();
+        let rotation_error_rad = reached.rotation.angle_to(&base_from_target.rotation);
+        if !(position_error_m <= options.position_tolerance_m && rotation_error_rad <= options.rotation_tolerance_rad) {
+            return None;
+        }
+        q.copy_from_slice(&solution);
+        Some(IkReport {
+            reason: IkReason::Reached,
+            position_error_m,
+            rotation_error_rad,
+            iterations: 0,
+            attempts: 0,
+            from_seed: true,
+        })
     }
 }

@@ -17,6 +17,7 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use super::{IkOptions, IkReason, IkReport};
 use crate::Chain;
+use pulp::{Simd, WithSimd};
 
 /// Steps of one attempt. A hopeless attempt is cheaper to abandon than to finish.
 const STEPS_PER_ATTEMPT: u32 = 60;
@@ -49,7 +50,38 @@ enum End {
     GaveUp,
 }
 
+/// Solves on the best instruction set of this machine.
 pub(super) fn solve<const N: usize>(
+    chain: &Chain,
+    base_from_target: &Isometry3<f64>,
+    options: &IkOptions,
+    q: &mut [f64],
+    go_on: &mut dyn FnMut() -> bool,
+) -> IkReport {
+    chain.machine.run(Solve::<N> { chain, base_from_target, options, q, go_on })
+}
+
+struct Solve<'a, const N: usize> {
+    chain: &'a Chain,
+    base_from_target: &'a Isometry3<f64>,
+    options: &'a IkOptions,
+    q: &'a mut [f64],
+    go_on: &'a mut dyn FnMut() -> bool,
+}
+
+impl<const N: usize> WithSimd for Solve<'_, N> {
+    type Output = IkReport;
+
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "must take on the instruction set it is dispatched to")]
+    fn with_simd<S: Simd>(self, _: S) -> IkReport {
+        solve_here::<N>(self.chain, self.base_from_target, self.options, self.q, self.go_on)
+    }
+}
+
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "must take on the instruction set of its caller")]
+fn solve_here<const N: usize>(
     chain: &Chain,
     base_from_target: &Isometry3<f64>,
     options: &IkOptions,
@@ -117,9 +149,11 @@ pub(super) fn solve<const N: usize>(
 }
 
 impl Problem<'_> {
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "must take on the instruction set of its caller")]
     fn evaluate<const N: usize>(&self, q: [f64; N]) -> Point<N> {
         let mut columns = [[0.0; 6]; N];
-        let tip = self.chain.tip_frame_and_jacobian(&q[..self.dof], columns[..self.dof].as_flattened_mut());
+        let tip = self.chain.tip_frame_and_jacobian_here(&q[..self.dof], columns[..self.dof].as_flattened_mut());
         let linear = self.target_position - tip.position();
         let angular = if self.rho > 0.0 {
             rotation_vector(&(self.target_rotation * tip.rotation().transpose()))
@@ -151,6 +185,8 @@ impl Problem<'_> {
             && point.rotation_error <= self.options.rotation_tolerance_rad
     }
 
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "must take on the instruction set of its caller")]
     /// `H` and the curvature of the motion, lower half. Exact for chains whose stages are their joints, an
     /// approximation with mimic joints (which costs steps, not correctness).
     fn exact_hessian<const N: usize>(&self, gauss_newton: &[[f64; N]; N], point: &Point<N>) -> [[f64; N]; N] {
@@ -179,6 +215,8 @@ impl Problem<'_> {
         exact
     }
 
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "must take on the instruction set of its caller")]
     fn descend<const N: usize>(
         &self,
         start: Point<N>,
@@ -274,6 +312,8 @@ impl Problem<'_> {
 /// stands at right angles to everything that can move, to within this angle (rad).
 const STATIONARY: f64 = 1e-7;
 
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "must take on the instruction set of its caller")]
 /// Solves `(H + lambda D) s = g` over the joints that are not held, by Cholesky; `None` where the matrix is not
 /// positive definite. Only the lower half of `H` is read; `D` is the floored diagonal of `scale`.
 fn damped_step<const N: usize>(
@@ -329,6 +369,8 @@ fn damped_step<const N: usize>(
     Some(step)
 }
 
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "must take on the instruction set of its caller")]
 /// The rotation vector of a rotation matrix, length in [0, pi].
 fn rotation_vector(rotation: &Matrix3<f64>) -> Vector3<f64> {
     let quaternion = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*rotation));

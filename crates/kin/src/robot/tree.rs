@@ -51,6 +51,11 @@ impl Robot {
         self.dof_joints().map(|joint| joint.name.as_str()).collect()
     }
 
+    /// All joints, parents before children.
+    pub fn joints_from_root(&self) -> impl Iterator<Item = JointId> {
+        self.order.iter().copied()
+    }
+
     /// Where the value of a joint stands in a joint vector; for a mimic joint, where its master stands.
     /// `None` for a fixed joint.
     pub fn dof_index(&self, joint: JointId) -> Option<usize> {
