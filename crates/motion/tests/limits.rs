@@ -57,7 +57,7 @@ fn hostile() -> impl Strategy<Value = (u64, Hostile)> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 2_000, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 500, ..ProptestConfig::default() })]
 
     #[test]
     fn commands_stay_inside_all_limits_for_any_targets_and_time_steps(
