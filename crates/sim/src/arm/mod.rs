@@ -1,17 +1,19 @@
 //! The plant: a robot arm of rigid bodies with servo drives.
 //!
-//! Bodies and joints are a rapier multibody (reduced coordinates, f32). Every joint has a servo: a spring of
-//! stiffness `k` towards the setpoint and a damper `d` on the velocity error,
+//! Bodies and joints are a rapier multibody (reduced coordinates, f32). Every joint has a servo in cascade, as
+//! industrial drives are built: the position error `e` asks for a speed, the speed error for a torque,
 //!
 //! ```text
+//! speed  = clamp(v + e k / d, -limit, limit)
+//! torque = clamp(d (speed - qd) + known, -effort, effort)
 //! k = max(J w^2, effort / 0.05 rad),   d = 2 z sqrt(k J)
 //! ```
 //!
-//! where `J` is the inertia of the joint at the start pose with the others locked, `w` the natural frequency and
-//! `z` the damping ratio; the second bound keeps friction from moving light wrist joints. Torques known beforehand
-//! are added, as servo drives of arms do: the arm's weight at the measured position and the viscous damping at the
-//! speed of the setpoint. The sum is limited to the effort of the URDF, the setpoint moves no faster than its velocity limit. Viscous
-//! damping and static friction are those of `<dynamics>`; the position limits are hard stops.
+//! where `v` is the speed of the setpoint, `J` the inertia of the joint at the start pose with the others locked, `w`
+//! the natural frequency and `z` the damping ratio; the second bound on the stiffness `k` keeps friction from moving
+//! light wrist joints. `known` are the arm's weight at the measured position and the viscous damping at the speed of
+//! the setpoint. Effort and speed limits, viscous damping and static friction are the URDF's; its position limits
+//! are hard stops. Where nothing saturates, a constant torque t moves a joint by t / k.
 //!
 //! Fixed substeps: `step` runs as many whole substeps as have come due and keeps the rest, so the trajectory does
 //! not depend on how time is cut into calls, only on the setpoints in force at each substep.
@@ -188,7 +190,7 @@ impl Arm {
                 .local_frame1(pose(&(body.parent_from_joint * turn)))
                 .local_frame2(pose(&turn))
                 .motor_model(axis, rp::MotorModel::ForceBased)
-                .set_motor(axis, params.start[k] as f32, 0.0, servo.stiffness as f32, servo.damping as f32)
+                .set_motor(axis, 0.0, 0.0, 0.0, servo.damping as f32)
                 .motor_max_force(axis, limits.effort.min(f64::from(f32::MAX)) as f32);
             if limits.lower.is_finite() && limits.upper.is_finite() {
                 joint = joint.limits(axis, [limits.lower as f32, limits.upper as f32]);
@@ -304,23 +306,20 @@ impl Arm {
         }
     }
 
-    /// Hands reference, speed and the weight to rapier's motor: a force f is a shift of the target by f / k.
+    /// Hands the wanted speed to rapier's motor, whose damper is integrated implicitly: a known torque t is a shift of
+    /// the speed by t / d, so that rapier's limit on the motor's force limits the whole effort.
     fn drive(&mut self, k: usize, speed: f64) {
         let servo = self.servos[k];
         let share = if self.braked { 1.0 } else { self.params.gravity_compensation };
+        let error = servo.reference - self.measured[k].position_rad;
+        let asked = (speed + error * servo.stiffness / servo.damping).clamp(-servo.velocity, servo.velocity);
         let known = share * self.load[k] + servo.viscous * speed;
-        let target = servo.reference + known / servo.stiffness;
+        let target = asked + known / servo.damping;
         let base = self.base;
         if let Some((multibody, _)) = multibody(&mut self.world, base)
             && let Some(link) = multibody.link_mut(servo.link)
         {
-            link.joint.data.set_motor(
-                servo.axis,
-                target as f32,
-                speed as f32,
-                servo.stiffness as f32,
-                servo.damping as f32,
-            );
+            link.joint.data.set_motor(servo.axis, 0.0, target as f32, 0.0, servo.damping as f32);
         }
     }
 
@@ -329,6 +328,8 @@ impl Arm {
         let start = self.params.start.clone();
         let links: Vec<usize> = self.servos.iter().map(|s| s.link).collect();
         if let Some((multibody, bodies)) = multibody(&mut self.world, self.base) {
+            // A new multibody has a free root; this takes over that the base is fixed, so that no coordinate belongs to it.
+            multibody.forward_kinematics(bodies, true);
             // Generalised coordinates run in the order of the links, one for each moving joint.
             let mut displacement = vec![0.0; start.len()];
             for (k, joint) in robot.dof_joints().enumerate() {

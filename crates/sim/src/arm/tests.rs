@@ -107,13 +107,21 @@ fn without_compensation_the_arm_sags_by_weight_over_stiffness() {
     }
 }
 
+/// What static friction may hold a joint off its setpoint, and 5e-5 rad for f32 torques.
+fn assert_within_friction(robot: &Robot, arm: &Arm, want: &[f64]) {
+    for (k, joint) in robot.dof_joints().enumerate() {
+        let error = arm.measured()[k].position_rad - want[k];
+        let bound = joint.friction / arm.stiffness()[k] + 5e-5;
+        assert!(error.abs() < bound, "{}: {error} rad, friction explains {bound}", joint.name);
+    }
+}
+
 #[test]
 fn with_compensation_it_stays() {
-    let mut arm = Arm::new(&Robot::builtin(), ArmParams::new(HOME.to_vec())).unwrap();
+    let robot = Robot::builtin();
+    let mut arm = Arm::new(&robot, ArmParams::new(HOME.to_vec())).unwrap();
     arm.step(Duration::from_secs(2), &at_rest(&HOME), Drive::Servo).unwrap();
-    for (k, (joint, want)) in arm.measured().iter().zip(HOME).enumerate() {
-        assert!((joint.position_rad - want).abs() < 2e-4, "joint {k}: {}", joint.position_rad - want);
-    }
+    assert_within_friction(&robot, &arm, &HOME);
 }
 
 /// Times at which the first joint of a free pendulum passes `centre` upwards.
@@ -190,7 +198,7 @@ fn the_speed_limit_holds_for_a_far_setpoint() {
         arm.step(MS, &at_rest(&[2.0]), Drive::Servo).unwrap();
         fastest = fastest.max(arm.measured()[0].velocity_rad_s.abs());
     }
-    assert!(fastest < 1.5 * 1.15 && fastest > 1.45, "{fastest} rad/s");
+    assert!(fastest < 1.5 * 1.005 && fastest > 1.45, "{fastest} rad/s");
     assert!((arm.measured()[0].position_rad - 2.0).abs() < 1e-3);
 }
 
@@ -251,11 +259,10 @@ fn smooth_setpoints_are_followed_to_a_few_milliradians() {
 
 #[test]
 fn brakes_hold_the_arm_where_they_closed() {
-    let mut arm = Arm::new(&Robot::builtin(), ArmParams::new(HOME.to_vec())).unwrap();
+    let robot = Robot::builtin();
+    let mut arm = Arm::new(&robot, ArmParams::new(HOME.to_vec())).unwrap();
     arm.step(Duration::from_secs(1), &[], Drive::Braked).unwrap();
-    for (joint, want) in arm.measured().iter().zip(HOME) {
-        assert!((joint.position_rad - want).abs() < 2e-4);
-    }
+    assert_within_friction(&robot, &arm, &HOME);
 }
 
 #[test]

@@ -3,23 +3,23 @@ use proptest::prelude::*;
 use super::{hash_unit, noise, pulse, soft_limit, step};
 
 /// Largest difference quotient of order `k` that a smooth function may show beside `at`, by central differences.
-fn derivative(f: impl Fn(f64) -> f64, at: f64, order: u32, h: f64) -> f64 {
+fn derivative(f: &dyn Fn(f64) -> f64, at: f64, order: u32, h: f64) -> f64 {
     if order == 0 {
         return f(at);
     }
-    let g = |x: f64| derivative(&f, x, order - 1, h);
+    let g = |x: f64| derivative(f, x, order - 1, h);
     (g(at + h) - g(at - h)) / (2.0 * h)
 }
 
 #[test]
 fn steps_and_pulses_leave_and_arrive_with_three_vanishing_derivatives() {
-    let h = 1e-3;
+    let h = 1e-3_f64;
     for order in 1..=3 {
         for at in [0.2, 0.7] {
             // The fourth derivative of the step is about 840 / 0.5^4; central differences reach 3 h beyond the end.
             let bound = 840.0 / 0.5_f64.powi(4) * (3.0 * h).powi(4 - i32::try_from(order).unwrap());
-            assert!(derivative(|x| step(0.2, 0.7, x), at, order, h).abs() < bound);
-            assert!(derivative(|x| pulse(0.2, 0.7, x), at, order, h).abs() < 8.0 * bound);
+            assert!(derivative(&|x| step(0.2, 0.7, x), at, order, h).abs() < bound);
+            assert!(derivative(&|x| pulse(0.2, 0.7, x), at, order, h).abs() < 8.0 * bound);
         }
     }
     assert!((step(0.2, 0.7, 0.45) - 0.5).abs() < 1e-12);
