@@ -150,7 +150,6 @@ pub fn align(
 
 #[cfg(test)]
 mod tests {
-    #![expect(clippy::unwrap_used, reason = "tests")]
     use super::*;
 
     fn line(values: &[f64]) -> Trajectory {
@@ -173,8 +172,8 @@ mod tests {
         let full = DtwParams { band: 1.0, ..DtwParams::default() };
         for seed in 0..40 {
             let value = |i: usize| ((seed * 31 + i * 17) as f64 * 0.71).sin();
-            let a: Vec<f64> = (0..1 + seed % 6).map(value).collect();
-            let b: Vec<f64> = (0..1 + seed % 7).map(|i| value(i + 50)).collect();
+            let a: Vec<f64> = (0..=seed % 6).map(value).collect();
+            let b: Vec<f64> = (0..=seed % 7).map(|i| value(i + 50)).collect();
             let found = dtw(&line(&a), &line(&b), &full).unwrap();
             assert!((found.cost - brute(&a, &b)).abs() < 1e-12);
             let along: f64 = found.path.iter().map(|&(i, j)| (a[i] - b[j]).powi(2)).sum();

@@ -302,7 +302,6 @@ impl Scratch {
 /// `|W (x - m)|^2` of one block for a small dimension, everything in registers; `G` registers of samples share
 /// each load of `W`.
 #[inline(always)]
-#[expect(clippy::inline_always, reason = "must be compiled inside the caller's target features")]
 fn small_norms<S: Simd, const D: usize>(simd: S, block: &[f64], mean: &[f64], w: &[f64], out: &mut [f64]) {
     const G: usize = 2;
     let out = S::as_mut_simd_f64s(out).0;
@@ -325,7 +324,6 @@ fn small_norms<S: Simd, const D: usize>(simd: S, block: &[f64], mean: &[f64], w:
 }
 
 #[inline(always)]
-#[expect(clippy::inline_always, reason = "must be compiled inside the caller's target features")]
 fn norms_of<S: Simd, const D: usize, const G: usize>(
     simd: S,
     x: &[&[S::f64s]; D],
@@ -361,7 +359,6 @@ fn norms_of<S: Simd, const D: usize, const G: usize>(
 
 /// `total[g] += |W z|^2` for `G` consecutive registers of samples.
 #[inline(always)]
-#[expect(clippy::inline_always, reason = "must be compiled inside the caller's target features")]
 fn squared_norm<S: Simd, const G: usize>(simd: S, z: &[S::f64s], first: usize, w: &[f64], dim: usize) -> [S::f64s; G] {
     let registers = BLOCK / S::F64_LANES;
     let zero = simd.splat_f64s(0.0);
@@ -386,7 +383,6 @@ fn squared_norm<S: Simd, const G: usize>(simd: S, z: &[S::f64s], first: usize, w
 /// Fills `scratch.joint` with responsibilities (they sum to one over components)
 /// and `scratch.density` with log densities, for one block.
 #[inline(always)]
-#[expect(clippy::inline_always, reason = "must be compiled inside the caller's target features")]
 fn expectation<S: Simd>(simd: S, block: &[f64], lanes: usize, components: Components<'_>, scratch: &mut Scratch) {
     const GROUP: usize = 8;
     let k = components.offsets.len();
@@ -473,7 +469,6 @@ fn expectation<S: Simd>(simd: S, block: &[f64], lanes: usize, components: Compon
 
 /// Adds `a . b` to interleaved sums.
 #[inline(always)]
-#[expect(clippy::inline_always, reason = "must be compiled inside the caller's target features")]
 fn dot<S: Simd>(simd: S, sums: &mut [f64], a: &[f64], b: &[f64]) {
     let per = LANES / S::F64_LANES;
     let (a, b) = (S::as_simd_f64s(a).0, S::as_simd_f64s(b).0);
@@ -494,7 +489,6 @@ struct TileRows<'a, S: Simd> {
 /// Adds `sum r z_i z_j` over a tile of four rows and four columns to interleaved sums that lie `p` sums apart per
 /// row. On the diagonal only `j <= i` is summed.
 #[inline(always)]
-#[expect(clippy::inline_always, reason = "must be compiled inside the caller's target features")]
 fn tile<S: Simd, const DIAGONAL: bool>(
     simd: S,
     sums: &mut [f64],
@@ -553,7 +547,6 @@ const TILE: usize = 4;
 
 /// Rows `first .. first + 4` of `[x; 1; 0 ..]`, the first `registers` registers of a block.
 #[inline(always)]
-#[expect(clippy::inline_always, reason = "must be compiled inside the caller's target features")]
 fn tile_rows<'a, S: Simd>(
     simd: S,
     block: &'a [f64],

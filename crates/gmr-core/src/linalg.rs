@@ -30,7 +30,7 @@ pub(crate) fn cholesky(a: &mut [f64], d: usize) -> Result<(), BadPivot> {
                     sum -= v * v;
                 }
                 // A pivot below the smallest normal number has lost its relative accuracy.
-                if !(sum >= f64::MIN_POSITIVE && sum < f64::INFINITY) {
+                if !(f64::MIN_POSITIVE..f64::INFINITY).contains(&sum) {
                     return Err(BadPivot { row: i, value: sum });
                 }
                 row_i[i] = sum.sqrt();
@@ -163,7 +163,7 @@ pub(crate) fn clip_eigenvalues(a: &mut [f64], d: usize, floor: f64) -> Option<f6
 
 #[cfg(test)]
 mod tests {
-    #![expect(clippy::unwrap_used, reason = "tests")]
+    #![expect(clippy::float_cmp, reason = "these results are exact")]
     use super::*;
 
     #[test]

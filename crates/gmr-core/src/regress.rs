@@ -75,13 +75,11 @@ const LANES: usize = 8;
 
 /// The slice as whole groups of lanes.
 #[inline(always)]
-#[expect(clippy::inline_always, reason = "must be compiled inside the caller's target features")]
 fn groups(v: &[f64]) -> &[[f64; LANES]] {
     v.as_chunks().0
 }
 
 #[inline(always)]
-#[expect(clippy::inline_always, reason = "must be compiled inside the caller's target features")]
 fn groups_mut(v: &mut [f64]) -> &mut [[f64; LANES]] {
     v.as_chunks_mut().0
 }
@@ -377,7 +375,6 @@ impl Regressor {
 
     /// Responsibilities (8), component means (7) and their mix (9). False without support.
     #[inline(always)]
-    #[expect(clippy::inline_always, reason = "must be compiled inside the caller's target features")]
     fn mix(&self, x: &[f64], out: &mut Prediction) -> bool {
         let (di, dout, padded, width) = (self.inputs.len(), self.outputs.len(), self.padded, self.width);
         // Densities: eight components at a time.
@@ -385,11 +382,11 @@ impl Regressor {
         for (g, b) in groups_mut(&mut out.wide_responsibilities).iter_mut().enumerate() {
             let at = |j: usize| j * padded + g * LANES..j * padded + (g + 1) * LANES;
             let mut norm = [0.0; LANES];
-            for i in 0..di {
+            for (i, x) in x.iter().enumerate() {
                 let z = &mut groups_mut(&mut out.differences[at(i)])[0];
                 let m = &groups(&self.input_means[at(i)])[0];
                 for l in 0..LANES {
-                    z[l] = x[i] - m[l];
+                    z[l] = x - m[l];
                 }
                 let mut y = [0.0; LANES];
                 for j in 0..=i {
@@ -455,7 +452,6 @@ impl Regressor {
 
     /// Law of total covariance (10). Products commute, so the result is exactly symmetric.
     #[inline(always)]
-    #[expect(clippy::inline_always, reason = "must be compiled inside the caller's target features")]
     fn spread(&self, out: &mut Prediction) {
         let (dout, width) = (self.outputs.len(), self.width);
         let (mean, covariance) = out.wide.split_at_mut(width);
@@ -482,7 +478,6 @@ impl Regressor {
 
     /// Derivative of the mixed mean.
     #[inline(always)]
-    #[expect(clippy::inline_always, reason = "must be compiled inside the caller's target features")]
     fn slope(&self, out: &mut Prediction) {
         let (di, dout, padded, width) = (self.inputs.len(), self.outputs.len(), self.padded, self.width);
         out.wide_jacobian.fill(0.0);

@@ -61,7 +61,7 @@ impl<'a> Samples<'a> {
     pub fn with_weights(mut self, weights: &'a [f64]) -> Result<Self> {
         check_len("sample weights", self.len(), weights.len())?;
         for &value in weights {
-            if !(value >= 0.0 && value <= MAX_MAGNITUDE) {
+            if !(0.0..=MAX_MAGNITUDE).contains(&value) {
                 return Err(Error::InvalidParameter { name: "sample weight", allowed: "[0, 1e140]", value });
             }
         }

@@ -15,7 +15,6 @@ const ROUND: f64 = 6_755_399_441_055_744.0;
 
 /// `exp(x)` for `x <= 0`; below -708 the result, smaller than 1e-307, is flushed to zero.
 #[inline(always)]
-#[expect(clippy::inline_always, reason = "must be compiled inside the caller's target features")]
 pub(crate) fn exp_nonpositive(x: f64) -> f64 {
     let shifted = x.mul_add(std::f64::consts::LOG2_E, ROUND);
     let n = shifted - ROUND;
@@ -41,7 +40,6 @@ pub(crate) fn exp_nonpositive(x: f64) -> f64 {
 
 /// `ln(x)` for positive normal `x`.
 #[inline(always)]
-#[expect(clippy::inline_always, reason = "must be compiled inside the caller's target features")]
 pub(crate) fn ln_positive(x: f64) -> f64 {
     let bits = x.to_bits();
     let mantissa = f64::from_bits((bits & 0x000f_ffff_ffff_ffff) | 0x3ff0_0000_0000_0000);

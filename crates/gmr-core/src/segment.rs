@@ -272,7 +272,7 @@ fn elements_between(start: f64, cuts: &[f64]) -> Vec<MotionElement> {
 
 #[cfg(test)]
 mod tests {
-    #![expect(clippy::unwrap_used, reason = "tests")]
+    #![expect(clippy::float_cmp, reason = "these results are exact")]
     use super::*;
 
     fn zigzag(n: usize, corners: &[usize]) -> Trajectory {

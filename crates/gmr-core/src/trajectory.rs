@@ -98,6 +98,7 @@ impl Trajectory {
     }
 
     /// The same trajectory with its clock starting at zero.
+    #[must_use]
     pub fn from_zero(&self) -> Self {
         let start = self.start_s();
         let mut parts = self.parts.clone();

@@ -78,6 +78,8 @@ pub struct AutoArima {
     pub candidates: Vec<ArimaCandidate>,
 }
 
+type Tried = (ArimaOrder, bool, Result<(Arima, ArimaReport)>);
+
 impl AutoArimaParams {
     /// Checks the bounds.
     ///
@@ -122,7 +124,7 @@ impl AutoArimaPlan {
                 }
             }
         }
-        let fits: Vec<(ArimaOrder, bool, Result<(Arima, ArimaReport)>)> = grid
+        let fits: Vec<Tried> = grid
             .into_par_iter()
             .map(|(order, constant)| {
                 let params = ArimaParams {

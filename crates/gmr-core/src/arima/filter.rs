@@ -225,7 +225,6 @@ impl WithSimd for Steady<'_> {
 
 impl Steady<'_> {
     #[inline(always)]
-    #[expect(clippy::inline_always, reason = "must be compiled inside the caller's target features")]
     fn run<const R: usize>(self) {
         // a'_i = a_i+1 + phi_i w + theta_i (w - a_1), written as (a_i+1 + (phi_i + theta_i) w) - theta_i a_1,
         // so that only one multiply-add lies between one a_1 and the next.

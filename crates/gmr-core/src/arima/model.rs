@@ -265,8 +265,8 @@ impl ArimaState {
             f
         } else {
             // Settled gain: phi_i + theta_i for the ARMA state, one for the levels.
-            for i in 0..arma.r {
-                next[i] += (arma.phi[i] + arma.theta[i + 1]) * v;
+            for ((n, phi), theta) in next.iter_mut().zip(&arma.phi).zip(&arma.theta[1..]) {
+                *n += (phi + theta) * v;
             }
             for n in &mut next[arma.r..] {
                 *n += v;

@@ -78,7 +78,6 @@ pub(super) fn unconstrained_near(coefficients: &[f64], moving_average: bool) -> 
 
 #[cfg(test)]
 mod tests {
-    #![expect(clippy::unwrap_used, reason = "tests")]
     use super::*;
 
     #[test]

@@ -122,7 +122,7 @@ impl Mixture {
             }
         }
         for &value in &parts.weights {
-            if !(value >= 0.0 && value <= 1.0 + WEIGHT_TOLERANCE) {
+            if !(0.0..=1.0 + WEIGHT_TOLERANCE).contains(&value) {
                 return Err(Error::InvalidParameter { name: "weight", allowed: "[0, 1]", value });
             }
         }
