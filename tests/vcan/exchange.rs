@@ -15,12 +15,13 @@ fn six_joints_at_500_hz_without_a_cycle_missed_by_our_code() {
     let report: serde_json::Value = serde_json::from_str(stdout.lines().last().unwrap()).unwrap();
     let count = |field: &str| report[field].as_u64().unwrap();
     assert_eq!(report["state"], "Active", "{report}");
-    // Ours are cycles whose work outlasted them without the scheduler taking the processor away, and
-    // sets that the kernel did not take; the others are the machine's.
+    // Ours can only be cycles whose work outlasted them although the scheduler here did not take the
+    // processor away, and sets that the kernel did not take. Of the former some are a host that held
+    // the whole guest up, which cannot be seen from inside.
     let ours = count("slow_cycles") + count("transmit_full");
     let processor_us = report["processor_us_per_cycle"].as_f64().unwrap();
     eprintln!(
-        "500 Hz for {seconds} s: {} cycles, {ours} missed by our code, {} by late wake-ups, {} by other processes; \
+        "500 Hz for {seconds} s: {} cycles, {ours} missed for no reason seen here, {} by late wake-ups, {} by other processes; \
          {processor_us:.0} us of processor time a cycle; longest undisturbed work {} us; round trip us {}",
         count("cycles"),
         count("late_wakes"),
@@ -34,9 +35,9 @@ fn six_joints_at_500_hz_without_a_cycle_missed_by_our_code() {
         let from = step * 50;
         eprintln!("{from:>6} us {:>8} {}", n, "#".repeat((n.as_f64().unwrap().log2() * 3.0) as usize + 1));
     }
-    // A host that takes the processor away from the whole guest is invisible inside it: one cycle in
-    // a thousand may be that.
+    assert_eq!(count("transmit_full"), 0, "{report}");
     assert!(ours * 1000 <= count("cycles"), "{report}");
-    assert!(processor_us < 1000.0, "{report}");
+    // What our code needs of a cycle of 2000 us.
+    assert!(processor_us < 400.0, "{report}");
     assert!(count("cycles") as f64 >= 0.8 * 500.0 * seconds, "{report}");
 }

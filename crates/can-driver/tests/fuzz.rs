@@ -60,9 +60,9 @@ fn message(bytes: &mut Bytes<'_>) -> Counted {
         3 => Message::Commit(Commit {
             mode: if raw[0] & 1 == 0 { Mode::Idle } else { Mode::Position },
             enable: raw[0] & 2 != 0,
-            quick_stop: raw[0] & 12 == 12,
-            reset: raw[0] & 16 != 0,
-            test: raw[0] & 96 == 96,
+            quick_stop: raw[0] & 0x0C == 0x0C,
+            reset: raw[0] & 0x10 != 0,
+            test: raw[0] & 0x60 == 0x60,
             speed_scale: f64::from(raw[1]) / 255.0,
             horizon: Duration::from_millis(raw[2].into()),
             host_time: u16::from_le_bytes([raw[3], raw[4]]),
@@ -276,7 +276,7 @@ fn for_a_minute(mut once: impl FnMut(&mut ChaCha8Rng)) -> u64 {
     let begin = std::time::Instant::now();
     let mut rng = ChaCha8Rng::seed_from_u64(begin.elapsed().as_nanos() as u64 ^ u64::from(std::process::id()));
     let mut runs = 0;
-    while begin.elapsed() < Duration::from_secs(60) {
+    while begin.elapsed() < Duration::from_mins(1) {
         once(&mut rng);
         runs += 1;
     }

@@ -92,10 +92,10 @@ fn the_lowest_identifier_wins_when_the_bus_falls_idle() {
     let (mut a, mut b, mut c) = (bus.node(4), bus.node(4), bus.node(4));
     let frame = |raw| Frame::full(id(raw), [0x55; 8]);
     send(&mut a, NOW, frame(0x300)); // takes the idle bus
-    send(&mut a, 1NOW, frame(0x200));
-    send(&mut b, 2NOW, frame(0x100));
-    send(&mut b, 2NOW, frame(0x050)); // behind 0x100 in its node's queue
-    let order: Vec<u16> = frames(&mut c, 100NOW).iter().map(|(_, f)| f.id().raw()).collect();
+    send(&mut a, 10 * US, frame(0x200));
+    send(&mut b, 20 * US, frame(0x100));
+    send(&mut b, 20 * US, frame(0x050)); // behind 0x100 in its node's queue
+    let order: Vec<u16> = frames(&mut c, 1000 * US).iter().map(|(_, f)| f.id().raw()).collect();
     assert_eq!(order, [0x300, 0x100, 0x050, 0x200]);
 }
 
@@ -104,9 +104,9 @@ fn a_frame_arrives_after_its_bits() {
     let bus = SimBus::new(SimBusParams { bit_rate: 500_000, ..Default::default() }).unwrap();
     let (mut a, mut b) = (bus.node(4), bus.node(4));
     let frame = Frame::full(id(0x123), [0x55; 8]);
-    send(&mut a, 10NOW, frame);
+    send(&mut a, 100 * US, frame);
     let bits = frame_bits(&frame, Stuffing::Exact);
-    assert_eq!(frames(&mut b, 100NOW), [(10NOW + 2 * US * bits, frame)]);
+    assert_eq!(frames(&mut b, 1000 * US), [(100 * US + 2 * US * bits, frame)]);
 }
 
 #[test]
@@ -114,11 +114,11 @@ fn a_full_queue_refuses_and_forgets_nothing() {
     let bus = SimBus::new(SimBusParams::default()).unwrap();
     let (mut a, mut b) = (bus.node(4), bus.node(4));
     let frame = Frame::full(id(0x123), [0x55; 8]);
-    bus.stall(NOW, 10_00NOW);
+    bus.stall(NOW, 10_000 * US);
     let taken = (0..10).filter(|_| a.send(NOW, &frame).unwrap() == SendOutcome::Sent).count();
     assert_eq!(taken, 4);
     assert_eq!(frames(&mut b, 9_999 * US).len(), 0);
-    assert_eq!(frames(&mut b, 20_00NOW).len(), 4);
+    assert_eq!(frames(&mut b, 20_000 * US).len(), 4);
 }
 
 #[test]
@@ -143,13 +143,13 @@ fn a_disturbed_bus_ends_in_bus_off_until_restarted() {
     let (mut a, mut b) = (bus.node(4), bus.node(4));
     let frame = Frame::full(id(0x123), [0x55; 8]);
     send(&mut a, NOW, frame);
-    assert_eq!(faults(&mut a, 100_00NOW), [BusFault::Warning, BusFault::Passive, BusFault::Off]);
+    assert_eq!(faults(&mut a, 100_000 * US), [BusFault::Warning, BusFault::Passive, BusFault::Off]);
     assert_eq!(bus.load().errors, 32); // 256 / 8
-    assert_eq!(a.send(100_00NOW, &frame).unwrap(), SendOutcome::Full);
+    assert_eq!(a.send(100_000 * US, &frame).unwrap(), SendOutcome::Full);
     bus.set_faults(Faults::default());
-    a.restart(200_00NOW);
-    send(&mut a, 200_00NOW, frame);
-    assert_eq!(frames(&mut b, 300_00NOW).len(), 1);
+    a.restart(200_000 * US);
+    send(&mut a, 200_000 * US, frame);
+    assert_eq!(frames(&mut b, 300_000 * US).len(), 1);
 }
 
 #[test]
@@ -168,7 +168,7 @@ fn faults_come_as_often_as_asked_and_from_the_seed() {
         let frame = Frame::full(id(0x123), [0x55; 8]);
         let mut got = Vec::new();
         for k in 0..20_000_u32 {
-            let now = k * 100NOW;
+            let now = k * 1000 * US;
             send(&mut a, now, frame);
             got.extend(frames(&mut b, now));
         }
@@ -187,7 +187,9 @@ fn faults_come_as_often_as_asked_and_from_the_seed() {
 }
 
 /// Rows of the table: frames a cycle as (count, bytes), us a cycle in the worst case.
-const ROWS: [(&str, &[(u32, usize)], u32); 5] = [
+type Row = (&'static str, &'static [(u32, usize)], u32);
+
+const ROWS: [Row; 5] = [
     ("one joint a frame", &[(12, 8), (1, 1)], 1685),
     ("two joints a frame", &[(8, 8)], 1080),
     ("two joints, host frames twice", &[(12, 8)], 1620),
@@ -237,7 +239,7 @@ fn exchange(rate_hz: u32, stuffing: Stuffing) -> f64 {
     let end = Duration::from_secs(6);
     while now < end {
         now += tick;
-        if (now.as_nanos() % cycle.as_nanos()) == 0 {
+        if now.as_nanos().is_multiple_of(cycle.as_nanos()) {
             can_driver::drain(&mut host_node, now, &mut rx).unwrap();
             let out = host.tick(now, &rx, Command::Follow { position_rad: &wanted, speed_scale: 1.0 });
             let outcome = can_driver::transmit(&mut host_node, now, &out.tx).unwrap();
