@@ -85,8 +85,8 @@ pub(crate) fn run(arguments: &[String]) -> Result<()> {
     };
     let load_before = read("/proc/loadavg");
     let ours = output(&mut cargo(&["bench", "--quiet", "--package", package, "--bench", area]))?;
-    let mut report: Report =
-        serde_json::from_str(&ours).with_context(|| format!("the {area} benchmark printed something else than rows"))?;
+    let mut report: Report = serde_json::from_str(&ours)
+        .with_context(|| format!("the {area} benchmark printed something else than rows"))?;
     let folder = workspace_root().join(folder_of(package)).join("benches");
     let script = folder.join("peers.py");
     if script.exists() {
@@ -123,7 +123,8 @@ fn join(rows: &mut Vec<Row>, peers: Vec<Row>) {
         match rows.iter().find(|row| row.name == peer.name).cloned() {
             Some(row) => {
                 let ratio = figure.zip(row.ours).map(|(theirs, ours)| theirs / ours);
-                let joined = Row { peer: figure, peer_name: peer.peer_name, ratio, note: peer.note.or(row.note.clone()), ..row };
+                let joined =
+                    Row { peer: figure, peer_name: peer.peer_name, ratio, note: peer.note.or(row.note.clone()), ..row };
                 match rows.iter_mut().find(|row| row.name == joined.name && row.peer.is_none()) {
                     Some(place) => *place = joined,
                     None => rows.push(joined),
@@ -163,7 +164,7 @@ fn read(path: &str) -> String {
 fn print_table(report: &Report) {
     let number = |value: Option<f64>| match value {
         None => String::new(),
-        Some(v) if v == 0.0 => "0".into(),
+        Some(0.0) => "0".into(),
         Some(v) if v.abs() >= 1e5 || v.abs() < 1e-3 => format!("{v:.3e}"),
         Some(v) if v.abs() >= 100.0 => format!("{v:.0}"),
         Some(v) => format!("{v:.3}"),

@@ -37,8 +37,7 @@ pub(crate) fn run(command: &mut Command) -> Result<()> {
 /// Runs a command and returns what it printed on standard output; its standard error is passed on.
 pub(crate) fn output(command: &mut Command) -> Result<String> {
     let shown = describe(command);
-    let output =
-        command.stderr(Stdio::inherit()).output().with_context(|| format!("{shown}: could not be started"))?;
+    let output = command.stderr(Stdio::inherit()).output().with_context(|| format!("{shown}: could not be started"))?;
     if !output.status.success() {
         bail!("{shown}: {}", output.status);
     }

@@ -39,7 +39,9 @@ pub enum Error {
         index: usize,
     },
     /// Too little of the worker's arm was seen to learn from.
-    #[error("the demonstration holds {usable} usable arm samples over {span_s:.2} s; at least {needed} over {needed_s:.2} s are needed")]
+    #[error(
+        "the demonstration holds {usable} usable arm samples over {span_s:.2} s; at least {needed} over {needed_s:.2} s are needed"
+    )]
     TooLittleSeen {
         /// Samples with all three joints.
         usable: usize,

@@ -153,10 +153,7 @@ mod tests {
     fn it_is_the_least_squares_line_when_nothing_disturbs() {
         let seen = [0.1, 0.35, 0.3, 0.62, 0.7];
         let mut filter = ConstantVelocity::<1>::new(1e-12).unwrap();
-        filter.state = Some((
-            Duration::ZERO,
-            [Channel { value: 0.0, rate: 0.0, covariance: [1e9, 0.0, 1e9] }],
-        ));
+        filter.state = Some((Duration::ZERO, [Channel { value: 0.0, rate: 0.0, covariance: [1e9, 0.0, 1e9] }]));
         for (i, y) in seen.iter().enumerate() {
             let t = Duration::from_millis(100 * i as u64);
             filter.update(t, &SVector::from([*y]), &SVector::from([0.01])).unwrap();

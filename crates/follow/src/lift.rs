@@ -111,8 +111,7 @@ fn across_views(
     }
     // Fewer than two views, parallel rays, or no two that agree: the joint is lost in this set.
     let found = triangulate(&rays, &TriangulateOptions::default()).ok()?;
-    let measured =
-        found.views.iter().zip(&evidence).filter(|(view, e)| view.used && **e == Evidence::Measured).count();
+    let measured = found.views.iter().zip(&evidence).filter(|(view, e)| view.used && **e == Evidence::Measured).count();
     Some(JointSample {
         position_m: found.point_m,
         covariance_m2: found.covariance_m2,

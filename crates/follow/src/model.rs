@@ -206,6 +206,17 @@ impl MotionModel {
         self.file.centre
     }
 
+    /// Largest distance of the wrist from the centre anywhere in the action, metres (in steps of 20 ms).
+    pub fn radius_m(&self) -> f64 {
+        let steps = (self.duration_s() / 0.02).ceil() as usize;
+        (0..=steps)
+            .map(|i| {
+                let mean = self.at(self.duration_s() * i as f64 / steps as f64).mean;
+                (0..3).map(|d| (mean[d] - self.file.centre[d]).powi(2)).sum::<f64>().sqrt()
+            })
+            .fold(0.0, f64::max)
+    }
+
     /// The action at time `t_s`. Where it repeats, any time is good; else the ends are held.
     ///
     /// # Panics
@@ -239,7 +250,9 @@ impl MotionModel {
 
     fn query(&self, t_s: f64, at_rest: bool) -> ModelPoint {
         let mut out = self.regressor.prediction();
-        self.regressor.predict_into(t_s, &mut out).expect("the workspace was made by this regressor, and the time is finite");
+        self.regressor
+            .predict_into(t_s, &mut out)
+            .expect("the workspace was made by this regressor, and the time is finite");
         ModelPoint {
             mean: PostureVector::from_column_slice(out.mean()),
             rate: if at_rest { PostureVector::zeros() } else { PostureVector::from_column_slice(out.velocity()) },

@@ -93,7 +93,16 @@ impl<const D: usize> PhaseFilter<D> {
         let params = PhaseParams { bin_s: duration_s / bins as f64, ..params };
         let (means, covariances) = (0..bins).map(|i| model((i as f64 + 0.5) * params.bin_s)).unzip();
         let uniform = vec![1.0 / bins as f64; bins];
-        Ok(Self { params, cyclic, means, covariances, moved: uniform.clone(), belief: uniform, last: None, carry_s: 0.0 })
+        Ok(Self {
+            params,
+            cyclic,
+            means,
+            covariances,
+            moved: uniform.clone(),
+            belief: uniform,
+            last: None,
+            carry_s: 0.0,
+        })
     }
 
     /// Forgets where the worker was.
@@ -163,11 +172,7 @@ impl<const D: usize> PhaseFilter<D> {
             }
             for k in -radius..=radius {
                 let to = i as isize + steps as isize + k;
-                let to = if self.cyclic {
-                    to.rem_euclid(bins as isize)
-                } else {
-                    to.clamp(0, bins as isize - 1)
-                };
+                let to = if self.cyclic { to.rem_euclid(bins as isize) } else { to.clamp(0, bins as isize - 1) };
                 self.moved[to as usize] += mass * kernel(k) / norm;
             }
         }

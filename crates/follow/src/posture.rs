@@ -49,7 +49,8 @@ impl Posture {
                     self::vector(&points)
                 };
                 let difference = moved(STEP_M)? - moved(-STEP_M)?;
-                let wrapped = PostureVector::from_fn(|d, _| if d < 3 { difference[d] } else { wrap_rad(difference[d]) });
+                let wrapped =
+                    PostureVector::from_fn(|d, _| if d < 3 { difference[d] } else { wrap_rad(difference[d]) });
                 jacobian.set_column(3 * index + axis, &(wrapped / (2.0 * STEP_M)));
             }
         }
@@ -75,6 +76,7 @@ impl Posture {
 
 fn vector(points: &[Point3<f64>; 3]) -> Option<PostureVector> {
     let [shoulder, elbow, wrist] = points;
-    let [alpha, beta, theta] = ArmPoints { shoulder_m: *shoulder, elbow_m: *elbow, wrist_m: *wrist }.angles()?.to_array();
+    let [alpha, beta, theta] =
+        ArmPoints { shoulder_m: *shoulder, elbow_m: *elbow, wrist_m: *wrist }.angles()?.to_array();
     Some(PostureVector::from([wrist.x, wrist.y, wrist.z, alpha, beta, theta]))
 }

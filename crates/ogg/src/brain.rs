@@ -2,9 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use follow::{
-    ArmSample, Basis, JointPlan, LearnParams, Lesson, MotionModel, Predictor, Retargeter, teach,
-};
+use follow::{ArmSample, Basis, JointPlan, LearnParams, Lesson, MotionModel, Predictor, Retargeter, teach};
 
 use crate::cell::{Cell, HORIZON, PLAN_STEP};
 use crate::error::Error;
@@ -39,19 +37,21 @@ impl Action {
             duration_s: model.duration_s(),
             cyclic: model.is_cyclic(),
             matched_share: None,
+            scale: cell.scale(model.radius_m()),
             learn_ms: started.elapsed().as_secs_f64() * 1e3,
         };
         Ok(Self { model, learned })
     }
 
     /// An action that was learned before.
-    pub fn known(model: MotionModel) -> Self {
+    pub fn known(model: MotionModel, cell: &Cell) -> Self {
         let learned = Learned {
             demonstrations: model.demonstrations(),
             elements: model.elements(),
             duration_s: model.duration_s(),
             cyclic: model.is_cyclic(),
             matched_share: None,
+            scale: cell.scale(model.radius_m()),
             learn_ms: 0.0,
         };
         Self { model, learned }
@@ -73,7 +73,7 @@ impl Follower {
     /// # Errors
     /// [`Error::Follow`] for settings out of range.
     pub fn new(cell: &Cell, model: MotionModel) -> Result<Self, Error> {
-        let retargeter = cell.retargeter(model.centre())?;
+        let retargeter = cell.retargeter(model.centre(), model.radius_m())?;
         let predictor = Predictor::new(Some(model), cell.config.teach.phase, HORIZON, PLAN_STEP)?;
         Ok(Self { predictor, retargeter, with_model: 0, predictions: 0 })
     }

@@ -210,12 +210,7 @@ impl Cell {
                 age: AgePolicy { coast: soft, fade: (hard - soft).max(ms(50)) },
                 max_step: ms(20),
                 horizon_capacity: 64,
-                engage: EngageParams {
-                    velocity_rad_s: ALIGN_RAD_S,
-                    tolerance_rad: 0.03,
-                    gap_rad: 0.05,
-                    ramp: ms(500),
-                },
+                engage: EngageParams { velocity_rad_s: ALIGN_RAD_S, tolerance_rad: 0.03, gap_rad: 0.05, ramp: ms(500) },
             },
             frame_hard: hard,
             tracking_error_rad: self.config.limits.tracking_error_rad,
@@ -226,7 +221,8 @@ impl Cell {
 
     /// Settings of the host's protocol session.
     pub fn host(&self) -> HostParams {
-        HostParams::standard(0, self.wire_limits(), self.period())
+        let standard = HostParams::standard(0, self.wire_limits(), self.period());
+        HostParams { silent_after: self.feedback_limit().max(self.period() * 2), ..standard }
     }
 
     /// Settings of a controller for the simulated arm.
@@ -239,17 +235,21 @@ impl Cell {
         ms(self.config.timeouts.feedback_ms)
     }
 
-    /// The retargeting, centred on a posture of the worker.
+    /// Metres of tool per metre of wrist for a lesson that goes `radius_m` from its centre.
+    pub fn scale(&self, radius_m: f64) -> f64 {
+        let r = &self.config.retarget;
+        if radius_m > 0.0 { r.scale.min(r.work_radius_m / radius_m) } else { r.scale }
+    }
+
+    /// The retargeting, centred on a posture of the worker, for a lesson that goes `radius_m` from it.
     ///
     /// # Errors
     /// [`Error::Follow`] for a home outside the joint limits, or joints that the mapping names and the chain lacks.
-    pub fn retargeter(&self, centre: [f64; follow::DIMENSION]) -> Result<Retargeter, Error> {
+    pub fn retargeter(&self, centre: [f64; follow::DIMENSION], radius_m: f64) -> Result<Retargeter, Error> {
         let r = &self.config.retarget;
         let mapping = match r.mode {
-            RetargetMode::Wrist => Mapping::Wrist { scale: r.scale },
-            RetargetMode::Angles => {
-                Mapping::Angles { joints: r.angle_joints.clone(), scale: r.angle_scale }
-            }
+            RetargetMode::Wrist => Mapping::Wrist { scale: self.scale(radius_m) },
+            RetargetMode::Angles => Mapping::Angles { joints: r.angle_joints.clone(), scale: r.angle_scale },
         };
         let params = RetargetParams {
             mapping,

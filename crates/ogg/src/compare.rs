@@ -15,6 +15,8 @@ const KEPT: usize = 2500;
 pub struct Comparator {
     measured: VecDeque<(Duration, Vec<f64>)>,
     following_since: Option<Duration>,
+    /// Capture time of the first picture that was compared since the arm began to follow.
+    compared_since: Option<Duration>,
     seed: Vec<f64>,
     sums: TrackingSums,
 }
@@ -25,6 +27,7 @@ impl Comparator {
         Self {
             measured: VecDeque::with_capacity(KEPT),
             following_since: None,
+            compared_since: None,
             seed: home_rad.to_vec(),
             sums: TrackingSums::default(),
         }
@@ -36,6 +39,7 @@ impl Comparator {
             (true, None) => self.following_since = Some(at),
             (false, Some(_)) => {
                 self.following_since = None;
+                self.compared_since = None;
                 self.measured.clear();
             }
             _ => {}
@@ -53,12 +57,13 @@ impl Comparator {
     /// then, or a joint of the worker was lost.
     pub fn compare(&mut self, sample: &ArmSample, retargeter: &Retargeter) -> Option<Comparison> {
         let posture = Posture::of(sample).filter(|_| sample.is_complete())?;
-        let since = self.following_since.filter(|since| *since <= sample.captured)?;
+        self.following_since.filter(|since| *since <= sample.captured)?;
         let joints = self.joints_at(sample.captured)?;
+        let first = *self.compared_since.get_or_insert(sample.captured);
         let wanted_tool = retargeter.ideal(&PostureVector::from(posture.row()), &mut self.seed);
         let tool = retargeter.world_from_tool(&joints).translation.vector;
         let comparison = Comparison {
-            since_s: (sample.captured - since).as_secs_f64(),
+            since_s: sample.captured.saturating_sub(first).as_secs_f64(),
             joint_error_rad: joints.iter().zip(&self.seed).map(|(have, want)| have - want).collect(),
             tool_error_m: [tool.x - wanted_tool.x, tool.y - wanted_tool.y, tool.z - wanted_tool.z],
         };

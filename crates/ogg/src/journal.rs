@@ -151,9 +151,8 @@ impl Journal {
             }
         }
         if let Some(states) = &tick.command {
-            let state = states.iter().map(|s| {
-                (Some(s.position_rad), Some(s.velocity_rad_s), Some(s.acceleration_rad_s2))
-            });
+            let state =
+                states.iter().map(|s| (Some(s.position_rad), Some(s.velocity_rad_s), Some(s.acceleration_rad_s2)));
             self.sink.put(at, Sample::Joints(JointStream::Setpoint, self.values(state)));
         }
     }
@@ -178,8 +177,7 @@ impl Journal {
             q[*place] = *value;
         }
         let links = self.robot.links();
-        let mut frames =
-            vec![frame_pose("world", &self.robot.root_link().name, &self.world_from_base)];
+        let mut frames = vec![frame_pose("world", &self.robot.root_link().name, &self.world_from_base)];
         for joint in self.robot.joints() {
             let Ok(id) = self.robot.joint_id(&joint.name) else { continue };
             let pose = self.robot.parent_from_child(id, &q);

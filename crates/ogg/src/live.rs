@@ -256,10 +256,8 @@ pub fn control<B: Bus>(
             last_phase = Some(tick.phase);
             *shared.phase.lock().unwrap_or_else(PoisonError::into_inner) = last_phase;
             journal.log(now, Level::Info, &format!("control: {:?}", tick.phase));
-            if let Phase::Braking(cause) = tick.phase {
-                if follow {
-                    *report.stops.entry(format!("{cause:?}")).or_insert(0) += 1;
-                }
+            if let (Phase::Braking(cause), true) = (tick.phase, follow) {
+                *report.stops.entry(format!("{cause:?}")).or_insert(0) += 1;
             }
         }
         if last_session != Some(tick.session) {
@@ -330,13 +328,7 @@ pub fn vision(
         cell,
         shared,
         journal,
-        report: VisionReport {
-            frames: 0,
-            complete: 0,
-            latencies: Latencies::default(),
-            tracking: None,
-            action: None,
-        },
+        report: VisionReport { frames: 0, complete: 0, latencies: Latencies::default(), tracking: None, action: None },
         follower: None,
         comparator: Comparator::new(&cell.config.robot.home_rad),
         recent: VecDeque::new(),
@@ -412,15 +404,20 @@ impl Seeing<'_> {
         if sample.is_complete() {
             self.lesson_from.get_or_insert(sample.captured);
             self.recent.push_back((*sample, matched));
-            while self.recent.front().is_some_and(|(first, _)| sample.captured.saturating_sub(first.captured) > self.lesson) {
+            while self
+                .recent
+                .front()
+                .is_some_and(|(first, _)| sample.captured.saturating_sub(first.captured) > self.lesson)
+            {
                 self.recent.pop_front();
             }
         }
         self.learn_when_due(sample)?;
         let (frames, complete) = (self.report.frames, self.report.complete);
-        let left = self.lesson_from.filter(|_| self.follower.is_none()).map(|from| {
-            self.lesson.saturating_sub(sample.captured.saturating_sub(from)).as_secs_f64()
-        });
+        let left = self
+            .lesson_from
+            .filter(|_| self.follower.is_none())
+            .map(|from| self.lesson.saturating_sub(sample.captured.saturating_sub(from)).as_secs_f64());
         self.shared.status(|status| {
             status.frames = frames;
             status.complete = complete;

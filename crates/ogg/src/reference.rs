@@ -87,7 +87,8 @@ impl Reference {
             return None;
         }
         let after = self.rows.partition_point(|(t, _)| *t < t_s);
-        let (Some(right), Some(left)) = (self.rows.get(after), after.checked_sub(1).and_then(|i| self.rows.get(i))) else {
+        let (Some(right), Some(left)) = (self.rows.get(after), after.checked_sub(1).and_then(|i| self.rows.get(i)))
+        else {
             return Some(if after == 0 { first.1 } else { last.1 });
         };
         let share = (t_s - left.0) / (right.0 - left.0);

@@ -93,6 +93,8 @@ pub struct Learned {
     pub duration_s: f64,
     /// Whether its end joins its beginning.
     pub cyclic: bool,
+    /// Metres of tool per metre of wrist.
+    pub scale: f64,
     /// Share of following samples that the model explained.
     pub matched_share: Option<f64>,
     /// Time the learning took, milliseconds.
@@ -251,7 +253,11 @@ impl Reference {
 
 impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "frames      {} seen, {} dropped, {} with the whole arm", self.frames, self.dropped, self.complete_samples)?;
+        writeln!(
+            f,
+            "frames      {} seen, {} dropped, {} with the whole arm",
+            self.frames, self.dropped, self.complete_samples
+        )?;
         writeln!(f, "pose        {}", self.pose)?;
         for (stage, s) in &self.latency_ms {
             writeln!(f, "  {stage:<10}{:>9.2} ms median {:>9.2} ms p99", s.p50, s.p99)?;
@@ -263,14 +269,19 @@ impl fmt::Display for Summary {
                 "learned     {kind} action of {:.2} s from {} demonstration(s): {} motion elements, in {:.0} ms",
                 l.duration_s, l.demonstrations, l.elements, l.learn_ms
             )?;
-            if let Some(share) = l.matched_share {
-                writeln!(f, "            the model explained {:.0} % of what followed", share * 100.0)?;
-            }
+            let matched = l.matched_share.map_or(String::new(), |share| {
+                format!(", the model explained {:.0} % of what followed", share * 100.0)
+            });
+            writeln!(f, "            {:.2} m of tool per m of wrist{matched}", l.scale)?;
         }
         match &self.tracking {
             None => writeln!(f, "tracking    the robot did not get to follow")?,
             Some(t) => {
-                writeln!(f, "tracking    {:.1} s; measured joints against the worker at the same instant", t.following_s)?;
+                writeln!(
+                    f,
+                    "tracking    {:.1} s; measured joints against the worker at the same instant",
+                    t.following_s
+                )?;
                 let settled = t.joint_settled_rms_rad.map_or("-".to_owned(), |v| format!("{v:.4}"));
                 writeln!(
                     f,
@@ -278,11 +289,19 @@ impl fmt::Display for Summary {
                     t.joint_rms_rad, t.joint_max_rad, t.joint_max_first_2s_rad
                 )?;
                 let (r, m) = (&t.wrist_rmse_mm, &t.wrist_mse_mm2);
-                writeln!(f, "  wrist     rmse x {:.2} y {:.2} z {:.2} mm (mse {:.2} {:.2} {:.2} mm²)", r.x, r.y, r.z, m.x, m.y, m.z)?;
+                writeln!(
+                    f,
+                    "  wrist     rmse x {:.2} y {:.2} z {:.2} mm (mse {:.2} {:.2} {:.2} mm²)",
+                    r.x, r.y, r.z, m.x, m.y, m.z
+                )?;
             }
         }
         if let (Some(median), Some(p90)) = (self.reference.wrist_median_mm, self.reference.wrist_p90_mm) {
-            writeln!(f, "reference   wrist within {median:.1} mm (median), {p90:.1} mm (p90) over {} samples", self.reference.samples)?;
+            writeln!(
+                f,
+                "reference   wrist within {median:.1} mm (median), {p90:.1} mm (p90) over {} samples",
+                self.reference.samples
+            )?;
         }
         if !self.stops.is_empty() {
             let list: Vec<String> = self.stops.iter().map(|(cause, n)| format!("{cause} x{n}")).collect();
@@ -302,12 +321,15 @@ mod tests {
     #[test]
     fn quantiles_are_nearest_rank() {
         let values = [5.0, 1.0, 4.0, 2.0, 3.0];
-        assert_eq!([0.0, 0.5, 0.9, 1.0].map(|q| quantile(&values, q)), [1.0, 3.0, 5.0, 5.0]);
+        for (q, expected) in [(0.0, 1.0), (0.5, 3.0), (0.9, 5.0), (1.0, 5.0)] {
+            assert!((quantile(&values, q) - expected).abs() < 1e-15);
+        }
     }
 
     #[test]
     fn tracking_is_what_a_hand_computes() {
-        let at = |since_s, e: f64| Comparison { since_s, joint_error_rad: vec![e, -e], tool_error_m: [e / 10.0, 0.0, 0.0] };
+        let at =
+            |since_s, e: f64| Comparison { since_s, joint_error_rad: vec![e, -e], tool_error_m: [e / 10.0, 0.0, 0.0] };
         let mut sums = TrackingSums::default();
         assert!(sums.figures().is_none());
         sums.add(&at(0.0, 0.4));

@@ -99,7 +99,6 @@ impl Vision {
     }
 }
 
-
 fn arm_pixels(arm: &ArmKeypoints) -> ArmPixels {
     let joint = |joint: &ArmJoint| {
         let evidence = if joint.is_measured() { Evidence::Measured } else { Evidence::Inferred };

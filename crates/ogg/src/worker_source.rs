@@ -25,7 +25,13 @@ impl WorkerSource {
     ///
     /// # Errors
     /// [`Error::Sim`] for a picture size or a rate out of range.
-    pub fn new(action: Action, seed: u64, fps: f64, size_px: [u32; 2], length: Option<Duration>) -> Result<Self, Error> {
+    pub fn new(
+        action: Action,
+        seed: u64,
+        fps: f64,
+        size_px: [u32; 2],
+        length: Option<Duration>,
+    ) -> Result<Self, Error> {
         let params = WorkerParams { seed, script: Script::Repeat(action.into()), ..WorkerParams::default() };
         let camera = default_camera(size_px)?;
         let period = Duration::try_from_secs_f64(1.0 / fps)
@@ -61,8 +67,7 @@ impl Source for WorkerSource {
         let nanos = u128::from(self.next) * self.period.as_nanos();
         let time = Duration::from_nanos(u64::try_from(nanos).unwrap_or(u64::MAX));
         let (image, _) = self.scene.render(&self.worker.pose_at(time));
-        let frame =
-            Frame { image: Arc::new(image), captured: time, media_time: time, sequence: self.next, camera: 0 };
+        let frame = Frame { image: Arc::new(image), captured: time, media_time: time, sequence: self.next, camera: 0 };
         self.next += 1;
         Ok(Some(frame))
     }
@@ -88,7 +93,8 @@ mod tests {
     /// The heights in the built-in cell are what one would measure at the bench: those of the joints, over all actions.
     #[test]
     fn the_planes_of_the_builtin_cell_are_where_the_joints_are() {
-        let Lift::Planes { shoulder_height_m, elbow_height_m, wrist_height_m, height_sigma_m, .. } = Config::builtin().lift
+        let Lift::Planes { shoulder_height_m, elbow_height_m, wrist_height_m, height_sigma_m, .. } =
+            Config::builtin().lift
         else {
             panic!("the built-in cell has one camera");
         };

@@ -1,5 +1,7 @@
 //! Bad input ends with exit code 2 and a message that names the file, the place and what was expected.
 
+#![expect(clippy::unwrap_used, reason = "tests")]
+
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -46,14 +48,16 @@ fn a_missing_configuration() {
 #[test]
 fn an_unknown_configuration_key() {
     let dir = tempfile::tempdir().unwrap();
-    let file = write(dir.path(), "cell.toml", ogg::config::BUILTIN_CELL.replace("[control]", "[control]\nrate_khz = 1"));
+    let file =
+        write(dir.path(), "cell.toml", ogg::config::BUILTIN_CELL.replace("[control]", "[control]\nrate_khz = 1"));
     refused(&["follow", "run", "--config", text(&file)], &["cell.toml", "rate_khz", "rate_hz", "line "]);
 }
 
 #[test]
 fn a_configuration_without_limits() {
     let dir = tempfile::tempdir().unwrap();
-    let without: String = ogg::config::BUILTIN_CELL.lines().filter(|l| !l.starts_with("jerk")).flat_map(|l| [l, "\n"]).collect();
+    let without: String =
+        ogg::config::BUILTIN_CELL.lines().filter(|l| !l.starts_with("jerk")).flat_map(|l| [l, "\n"]).collect();
     let file = write(dir.path(), "cell.toml", without);
     refused(&["follow", "daemon", "--config", text(&file)], &["cell.toml", "jerk_rad_s3"]);
 }

@@ -53,9 +53,10 @@ pub fn controller(args: &ControllerArgs) -> Result<(), Error> {
         }
         if let Some(output) = node.last_output().filter(|output| output.state != state) {
             state = output.state;
-            match output.cause {
-                Some(cause) => tracing::warn!(?state, code = cause.code(), "{cause}"),
-                None => tracing::info!(?state),
+            if let Some(cause) = output.cause {
+                tracing::warn!(?state, code = cause.code(), "{cause}");
+            } else {
+                tracing::info!(?state);
             }
         }
     }

@@ -40,17 +40,18 @@ pub(super) fn run(args: &FollowArgs) -> Result<(), Error> {
     }
     let limit = args.duration.map(|seconds| options::duration("--duration", seconds)).transpose()?;
     let cell = Cell::open(config)?;
-    let known = args.motion_model.as_deref().map(read_model).transpose()?.map(Action::known);
+    let known = args.motion_model.as_deref().map(read_model).transpose()?.map(|model| Action::known(model, &cell));
     let epoch = Instant::now();
     let pictures = cell.pictures(None, Some(epoch))?;
     let vision = cell.vision()?;
-    cell.retargeter([0.0; follow::DIMENSION])?;
+    cell.retargeter([0.0; follow::DIMENSION], 0.0)?;
     let describe = vision.describe();
     let names: Vec<String> = pictures.infos().map(|info| info.name.clone()).collect();
 
     let stopping = Arc::new(live::Stopping::default());
     let handler = Arc::clone(&stopping);
-    ctrlc::set_handler(move || handler.signal()).map_err(|e| Error::Usage(format!("signals cannot be handled: {e}")))?;
+    ctrlc::set_handler(move || handler.signal())
+        .map_err(|e| Error::Usage(format!("signals cannot be handled: {e}")))?;
 
     let cell = Arc::new(cell);
     let shared = Arc::new(Shared::new(known.is_some()));
@@ -97,7 +98,9 @@ pub(super) fn run(args: &FollowArgs) -> Result<(), Error> {
         let seeing = {
             let (cell, shared, journal) = (Arc::clone(&cell), Arc::clone(&shared), journal.clone());
             let latest = capture.latest();
-            spawn(scope, "vision", move || live::vision(vision, latest, known, &cell, &shared, &journal, &measured_rx, epoch))?
+            spawn(scope, "vision", move || {
+                live::vision(vision, latest, known, &cell, &shared, &journal, &measured_rx, epoch)
+            })?
         };
 
         let mut next_line = epoch + LINE;
@@ -113,10 +116,9 @@ pub(super) fn run(args: &FollowArgs) -> Result<(), Error> {
                 shared.follow.store(false, Relaxed);
                 asked_to_rest = Some(Instant::now());
             }
-            if let Some(since) = asked_to_rest {
-                if shared.parked.load(Relaxed) || stopping.twice() || since.elapsed() > REST_WITHIN || control.is_finished() {
-                    break;
-                }
+            let rested = |since: Instant| shared.parked.load(Relaxed) || since.elapsed() > REST_WITHIN;
+            if asked_to_rest.is_some_and(rested) || stopping.twice() || control.is_finished() {
+                break;
             }
             for line in shared.take_lines() {
                 say(line);
@@ -138,7 +140,10 @@ pub(super) fn run(args: &FollowArgs) -> Result<(), Error> {
     let (controlled, seen) = result?;
     let status = status?;
     if status.dropped_images + status.dropped_samples > 0 {
-        say(format_args!("recording   {} pictures and {} samples given up", status.dropped_images, status.dropped_samples));
+        say(format_args!(
+            "recording   {} pictures and {} samples given up",
+            status.dropped_images, status.dropped_samples
+        ));
     }
     if let Some(action) = seen.action.as_ref().filter(|_| args.motion_model.is_none()) {
         let model_path = args.save_motion_model.clone().unwrap_or_else(|| path.with_extension("model.json"));

@@ -40,11 +40,13 @@ pub(super) fn run(args: &FollowArgs) -> Result<(), Error> {
     let config = options::resolve(args)?;
     if matches!(config.bus, Bus::Socketcan { .. }) {
         return Err(Error::Usage(
-            "follow run works in the time of the recording, with the simulated arm; a real bus needs follow daemon".into(),
+            "follow run works in the time of the recording, with the simulated arm; a real bus needs follow daemon"
+                .into(),
         ));
     }
     let cell = Cell::open(config)?;
-    let reference = args.reference.as_deref().map(|path| ReferenceTrack::read(path, cell.config.worker.side)).transpose()?;
+    let reference =
+        args.reference.as_deref().map(|path| ReferenceTrack::read(path, cell.config.worker.side)).transpose()?;
     let known = args.motion_model.as_deref().map(read_model).transpose()?;
     let length = match args.duration {
         Some(seconds) => options::duration("--duration", seconds)?,
@@ -83,7 +85,7 @@ pub(super) fn run(args: &FollowArgs) -> Result<(), Error> {
     }
 
     let mut action = match known {
-        Some(model) => Action::known(model),
+        Some(model) => Action::known(model, &cell),
         None => Action::learn(&samples, &cell)?,
     };
     let model_path = args.save_motion_model.clone().unwrap_or_else(|| path.with_extension("model.json"));
@@ -103,7 +105,10 @@ pub(super) fn run(args: &FollowArgs) -> Result<(), Error> {
     }
     let status = recorder.finish()?;
     if status.dropped_images + status.dropped_samples > 0 {
-        say(format_args!("recording   {} pictures and {} samples given up", status.dropped_images, status.dropped_samples));
+        say(format_args!(
+            "recording   {} pictures and {} samples given up",
+            status.dropped_images, status.dropped_samples
+        ));
     }
     let summary = Summary {
         frames: samples.len() as u64,
@@ -143,8 +148,7 @@ pub(super) fn read_model(path: &Path) -> Result<MotionModel, Error> {
         expected: "a motion model written by this program",
         source,
     })?;
-    MotionModel::from_json(&text)
-        .map_err(|e| Error::Content { path: path.to_path_buf(), message: e.to_string() })
+    MotionModel::from_json(&text).map_err(|e| Error::Content { path: path.to_path_buf(), message: e.to_string() })
 }
 
 /// `folder/kind-YYYYMMDD-HHMMSS.mcap`, in UTC; a number is added where that exists.
@@ -185,7 +189,8 @@ fn replay(
     let period = cell.period();
     let home = &cell.config.robot.home_rad;
     let mut result = Replay { comparator: Comparator::new(home), stops: BTreeMap::new() };
-    let first = samples.iter().find(|sample| sample.shoulder.is_some() && sample.elbow.is_some() && sample.wrist.is_some());
+    let first =
+        samples.iter().find(|sample| sample.shoulder.is_some() && sample.elbow.is_some() && sample.wrist.is_some());
     let Some(first) = first.copied() else { return Ok(result) };
     let end = LEAD + samples.last().map_or(Duration::ZERO, |sample| sample.captured) + latency;
 

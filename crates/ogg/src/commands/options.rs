@@ -105,7 +105,7 @@ pub(super) fn check(args: &FollowArgs) -> Result<(), Error> {
     let cell = Cell::open(resolve(args)?)?;
     let vision = cell.vision()?;
     let pictures = cell.pictures(Some(Duration::ZERO), None)?;
-    cell.retargeter([0.0; follow::DIMENSION])?;
+    cell.retargeter([0.0; follow::DIMENSION], 0.0)?;
     let names: Vec<&str> = pictures.infos().map(|info| info.name.as_str()).collect();
     say(format_args!("source      {}", names.join(", ")));
     say(format_args!("pose        {}", vision.describe()));

@@ -16,6 +16,7 @@ impl Config {
         within("timeouts.frame_hard_ms", f64::from(t.frame_hard_ms), f64::from(t.frame_soft_ms), 5_000.0)?;
         within("timeouts.feedback_ms", f64::from(t.feedback_ms), 5.0, 100.0)?;
         within("retarget.scale", self.retarget.scale, 0.05, 10.0)?;
+        within("retarget.work_radius_m", self.retarget.work_radius_m, 0.01, 5.0)?;
         within("teach.duration_s", self.teach.duration_s, 1.0, 600.0)?;
         within("control.rate_hz", self.control.rate_hz, 50.0, 1_000.0)?;
         within("control.offline_latency_ms", self.control.offline_latency_ms, 0.0, 500.0)?;
@@ -47,13 +48,17 @@ impl Config {
     }
 
     fn check_lift(&self) -> Result<(), String> {
-        if let Lift::Planes { calibration, shoulder_height_m, elbow_height_m, wrist_height_m, height_sigma_m } = &self.lift {
+        if let Lift::Planes { calibration, shoulder_height_m, elbow_height_m, wrist_height_m, height_sigma_m } =
+            &self.lift
+        {
             within("lift.shoulder_height_m", *shoulder_height_m, -2.0, 3.0)?;
             within("lift.elbow_height_m", *elbow_height_m, -2.0, 3.0)?;
             within("lift.wrist_height_m", *wrist_height_m, -2.0, 3.0)?;
             within("lift.height_sigma_m", *height_sigma_m, 1e-4, 1.0)?;
             if calibration.is_none() && !matches!(self.source, Source::Worker { .. }) {
-                return Err("lift.calibration: a camera calibration file is needed for this source (--calibration FILE)".into());
+                return Err(
+                    "lift.calibration: a camera calibration file is needed for this source (--calibration FILE)".into(),
+                );
             }
         }
         Ok(())
@@ -71,7 +76,10 @@ impl Config {
             ("limits.jerk_rad_s3", &l.jerk_rad_s3, 50_000.0),
         ] {
             if values.len() != joints {
-                return Err(format!("{name}: {} numbers given, expected one for each of {joints} joints", values.len()));
+                return Err(format!(
+                    "{name}: {} numbers given, expected one for each of {joints} joints",
+                    values.len()
+                ));
             }
             for value in values {
                 if !(*value > 0.0 && *value <= high) {
@@ -91,7 +99,9 @@ impl Config {
                 ));
             }
             if self.timeouts.reengage == Reengage::Automatic {
-                return Err("timeouts.reengage: \"automatic\" is for simulated cells; a real bus needs \"operator\"".into());
+                return Err(
+                    "timeouts.reengage: \"automatic\" is for simulated cells; a real bus needs \"operator\"".into()
+                );
             }
         }
         Ok(())
@@ -99,5 +109,9 @@ impl Config {
 }
 
 fn within(name: &str, value: f64, low: f64, high: f64) -> Result<(), String> {
-    if value >= low && value <= high { Ok(()) } else { Err(format!("{name}: {value} given, expected in [{low}, {high}]")) }
+    if value >= low && value <= high {
+        Ok(())
+    } else {
+        Err(format!("{name}: {value} given, expected in [{low}, {high}]"))
+    }
 }

@@ -234,8 +234,10 @@ pub enum Reengage {
 pub struct Retarget {
     /// Which way.
     pub mode: RetargetMode,
-    /// Metres of tool per metre of wrist (mode `wrist`).
+    /// Metres of tool per metre of wrist, at most (mode `wrist`).
     pub scale: f64,
+    /// A lesson that goes further from its centre than this, once scaled, is scaled down to it (mode `wrist`).
+    pub work_radius_m: f64,
     /// Joints for elevation, flexion and inclination (mode `angles`).
     #[serde(default = "paper_joints")]
     pub angle_joints: [String; 3],
@@ -397,7 +399,7 @@ mod tests {
             ("side = \"right\"", "side = \"middle\"", "middle"),
             ("fps = 30.0", "fps = 0.0", "source.fps"),
             ("scale = 1.0", "scale = inf", "retarget.scale"),
-            ("duration_s = 6.2", "duration_s = 0.1", "teach.duration_s"),
+            ("duration_s = 6.8", "duration_s = 0.1", "teach.duration_s"),
             ("[limits]", "[limit]", "limit"),
             ("kind = \"in-process\"", "kind = \"socketcan\"\ninterface = \"can0\"", "limits.tool_speed_m_s"),
         ];

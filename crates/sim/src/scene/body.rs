@@ -207,7 +207,7 @@ fn hand(mesh: &mut Mesh, hand: &HandPose, part: Part, length: f32, thumb_side: f
         mesh.tube(&rings(&stations), 6);
     };
     for (k, reach) in [0.155, 0.175, 0.180, 0.165].into_iter().enumerate() {
-        let y = thumb_side * (0.030 - 0.020 * k as f32) * -1.0;
+        let y = -(thumb_side * (0.030 - 0.020 * k as f32));
         let reach = if k == 0 { 0.150 } else { reach };
         let points = [
             place(0.085, y, 0.0),
