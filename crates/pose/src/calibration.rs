@@ -113,7 +113,6 @@ pub fn reliability(probabilities: &[f64], right: &[bool], bins: usize) -> (Vec<R
 
 #[cfg(test)]
 mod tests {
-    #![expect(clippy::unwrap_used, reason = "tests")]
     use super::*;
 
     /// Judge: the logistic law that drew the samples.

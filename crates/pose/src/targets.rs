@@ -80,10 +80,10 @@ impl TargetParams {
     /// [`Error::Parameter`] with the field.
     pub fn validate(self) -> Result<TargetPlan> {
         let bad = |field, expected, got: String| Err(Error::Parameter { field, expected, got });
-        if self.stride == 0 || self.width == 0 || self.width % self.stride != 0 {
+        if self.stride == 0 || self.width == 0 || !self.width.is_multiple_of(self.stride) {
             return bad("width", "a multiple of the stride", self.width.to_string());
         }
-        if self.height == 0 || self.height % self.stride != 0 {
+        if self.height == 0 || !self.height.is_multiple_of(self.stride) {
             return bad("height", "a multiple of the stride", self.height.to_string());
         }
         for (field, x) in [("sigma_px", self.sigma_px), ("half_width_px", self.half_width_px)] {

@@ -1,6 +1,5 @@
 //! A library that was asked for by path and cannot be loaded is an error; one that was only found is passed over. One
 //! process, one runtime, hence a file of its own.
-#![expect(clippy::unwrap_used, reason = "tests")]
 
 use pose::{Backend, Error, LibraryCandidate, LibraryChoice, LibraryOrigin, Runtime, RuntimeOptions};
 

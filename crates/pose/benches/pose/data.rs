@@ -2,17 +2,17 @@
 
 use pose::{Keypoint, Layout, OpenPoseSpec, Person, Skeleton};
 
-pub fn picture(width: usize, height: usize) -> Vec<u8> {
+pub(crate) fn picture(width: usize, height: usize) -> Vec<u8> {
     (0..width * height * 3).map(|i| ((i * 7919) >> 4) as u8).collect()
 }
 
 /// Reproducible values in -0.2 .. 1.
-pub fn noise(n: usize) -> Vec<f32> {
+pub(crate) fn noise(n: usize) -> Vec<f32> {
     (0..n).map(|i| (i * 7919 % 1000) as f32 / 833.0 - 0.2).collect()
 }
 
 /// Joints in a 368 px square and the boxes around them: `(batch, people, 18, 2)` and `(batch, people, 4)`.
-pub fn labels(batch: usize, people: usize) -> (Vec<f32>, Vec<f32>) {
+pub(crate) fn labels(batch: usize, people: usize) -> (Vec<f32>, Vec<f32>) {
     let n = batch * people;
     let joints = (0..n * 36).map(|i| (i * 7919 % 3680) as f32 / 10.0).collect();
     (joints, [0.0, 0.0, 367.0, 367.0].repeat(n))
@@ -40,7 +40,7 @@ const BODY: [(f32, f32); 18] = [
 ];
 
 /// Confidence maps and fields of people who stand in two rows.
-pub fn maps(
+pub(crate) fn maps(
     people: usize,
     spec: &OpenPoseSpec,
     skeleton: Skeleton,
@@ -83,7 +83,7 @@ pub fn maps(
 }
 
 /// People of the OpenPose order side by side.
-pub fn people(n: usize) -> Vec<Person> {
+pub(crate) fn people(n: usize) -> Vec<Person> {
     (0..n)
         .map(|p| Person {
             skeleton: Skeleton::OpenPose18,

@@ -5,7 +5,7 @@ use std::time::Instant;
 use serde_json::{Value, json};
 
 /// Milliseconds of `n` calls after a tenth as many to warm up.
-pub fn times_ms(n: usize, mut call: impl FnMut()) -> Vec<f64> {
+pub(crate) fn times_ms(n: usize, mut call: impl FnMut()) -> Vec<f64> {
     for _ in 0..n.div_ceil(10) {
         call();
     }
@@ -20,7 +20,7 @@ pub fn times_ms(n: usize, mut call: impl FnMut()) -> Vec<f64> {
     times
 }
 
-pub fn row(name: &str, n: usize, call: impl FnMut()) -> Value {
+pub(crate) fn row(name: &str, n: usize, call: impl FnMut()) -> Value {
     let times = times_ms(n, call);
     let at = |share: f64| times[((times.len() - 1) as f64 * share).round() as usize];
     json!({

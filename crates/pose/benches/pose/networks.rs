@@ -14,15 +14,15 @@ use serde_json::{Value, json};
 use crate::{data, measure};
 
 /// Argument with which the benchmark starts itself for tract; a process has one runtime.
-pub const TRACT_CHILD: &str = "--networks-on-tract";
+pub(crate) const TRACT_CHILD: &str = "--networks-on-tract";
 
-pub fn rows_of_tract() -> Vec<Value> {
+pub(crate) fn rows_of_tract() -> Vec<Value> {
     let output = Command::new(std::env::current_exe().unwrap()).arg(TRACT_CHILD).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     serde_json::from_slice::<Vec<Value>>(&output.stdout).unwrap()
 }
 
-pub fn rows(tract: bool) -> Vec<Value> {
+pub(crate) fn rows(tract: bool) -> Vec<Value> {
     let library = if tract {
         LibraryChoice::PureRust
     } else {

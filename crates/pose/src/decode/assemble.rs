@@ -41,7 +41,6 @@ pub(crate) fn assemble(
                         }
                     }
                 }
-                (Some(_), Some(_)) => {}
                 (Some(i), None) => fill(&mut bodies[i][to], c.to, &peaks[to]),
                 (None, Some(j)) => fill(&mut bodies[j][from], c.from, &peaks[from]),
                 (None, None) if !closes_loop => {
@@ -50,7 +49,8 @@ pub(crate) fn assemble(
                     body[to] = Some(c.to);
                     bodies.push(body);
                 }
-                (None, None) => {}
+                // Both ends are in one body already, or a loop would start one.
+                (Some(_), Some(_)) | (None, None) => {}
             }
         }
     }

@@ -69,7 +69,6 @@ pub(crate) fn blazepose(landmarks: &[f32], presence: f32, min_score: f32) -> Opt
 
 #[cfg(test)]
 mod tests {
-    #![expect(clippy::unwrap_used, reason = "tests")]
     use super::*;
     use crate::Part;
 

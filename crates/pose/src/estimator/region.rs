@@ -46,6 +46,7 @@ impl RegionOptions {
 
 /// The square that the next look is at.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[expect(clippy::struct_field_names, reason = "the unit belongs to every name")]
 struct Square {
     u_px: f32,
     v_px: f32,

@@ -1,4 +1,3 @@
-#![expect(clippy::unwrap_used, reason = "tests")]
 use proptest::prelude::*;
 
 use super::*;
@@ -77,10 +76,10 @@ fn injected_swaps_are_refused_and_good_pictures_are_not() {
             let arm = gate.update(time, Some(&seen));
             if is_swapped {
                 swapped += 1;
-                caught += usize::from(!arm.wrist.is_measured());
+                caught += i32::from(!arm.wrist.is_measured());
             } else if i > 15 {
                 good += 1;
-                refused += usize::from(!arm.wrist.is_measured());
+                refused += i32::from(!arm.wrist.is_measured());
             }
             if i > 15 {
                 let Some(e) = arm.wrist.estimate() else {
@@ -93,8 +92,9 @@ fn injected_swaps_are_refused_and_good_pictures_are_not() {
             }
         }
     }
-    let (caught_share, refused_share) = (caught as f64 / swapped as f64, refused as f64 / good as f64);
-    eprintln!("swaps refused {caught_share:.4}, good refused {refused_share:.5}");
+    let share = |n: i32, of: i32| f64::from(n) / f64::from(of);
+    let (caught_share, refused_share) = (share(caught, swapped), share(refused, good));
+    eprintln!("swaps refused {caught_share:.4} of {swapped}, good pictures refused {refused_share:.5} of {good}");
     assert!(swapped > 2000 && caught_share >= 0.995, "caught {caught} of {swapped}");
     assert!(refused_share <= 0.005, "refused {refused} of {good}");
     errors_px.sort_by(f64::total_cmp);

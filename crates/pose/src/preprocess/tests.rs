@@ -1,4 +1,3 @@
-#![expect(clippy::unwrap_used, reason = "tests")]
 use proptest::prelude::*;
 
 use super::*;
@@ -26,11 +25,11 @@ fn floats(data: &TensorData) -> &[f32] {
 }
 
 /// The definition, in 64-bit floats and with no separation: what a tensor pixel covers, pixel by pixel.
-fn slow(image: &[u8], w: usize, h: usize, map: CropMap, x: usize, y: usize, c: usize, pad: u8) -> f64 {
+fn slow((image, w, h): (&[u8], usize, usize), map: CropMap, (x, y, c): (usize, usize, usize), pad: u8) -> f64 {
     let scale = f64::from(map.scale);
     let interval = |edge: f32, i: usize| {
         let (from, to) = (f64::from(edge) + i as f64 * scale, f64::from(edge) + (i + 1) as f64 * scale);
-        let (middle, half) = ((from + to) / 2.0, (scale / 2.0).max(0.5));
+        let (middle, half) = (f64::midpoint(from, to), (scale / 2.0).max(0.5));
         (middle - half, middle + half)
     };
     let ((x0, x1), (y0, y1)) = (interval(map.left_px, x), interval(map.top_px, y));
@@ -74,7 +73,7 @@ proptest! {
         for y in 0..24 {
             for x in 0..16 {
                 for c in 0..3 {
-                    let expected = slow(&image, w, h, map, x, y, c, pad);
+                    let expected = slow((&image, w, h), map, (x, y, c), pad);
                     let got = f64::from(data[(y * 16 + x) * 3 + c]);
                     prop_assert!((got - expected).abs() <= tolerance(scale), "({x}, {y}) {got} {expected}");
                 }

@@ -123,7 +123,7 @@ pub fn python_site_packages(prefix: &Path) -> Vec<PathBuf> {
     if cfg!(windows) && windows.is_dir() {
         found.push(windows);
     }
-    found.sort_by(|a, b| version_key(b).cmp(&version_key(a)));
+    found.sort_by_key(|path| std::cmp::Reverse(version_key(path)));
     found
 }
 
@@ -141,7 +141,7 @@ fn libraries_in(dir: &Path) -> Vec<PathBuf> {
         })
         .map(|e| e.path())
         .collect();
-    found.sort_by(|a, b| version_key(b).cmp(&version_key(a)));
+    found.sort_by_key(|path| std::cmp::Reverse(version_key(path)));
     found
 }
 
@@ -156,7 +156,6 @@ fn version_key(path: &Path) -> Vec<u64> {
 
 #[cfg(test)]
 mod tests {
-    #![expect(clippy::unwrap_used, reason = "tests")]
     use super::*;
 
     #[test]
