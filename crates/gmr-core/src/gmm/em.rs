@@ -407,7 +407,8 @@ fn regularise(params: &GmmParams, covariances: &mut [f64], d: usize, iteration: 
             for i in 0..d {
                 matrix[i * d + i] += lambda * mean + ridge;
             }
-            if floor > 0.0
+            // A scatter matrix has no negative eigenvalue, so a ridge of that size is above the floor already.
+            if floor > ridge
                 && let Some(smallest) = clip_eigenvalues(matrix, d, floor)
             {
                 note(component, smallest);
