@@ -300,7 +300,8 @@ fn a_stop_is_sent_twice_the_second_time_inverted() {
         });
     }
     assert_eq!(sent.iter().map(|f| f.id().raw()).collect::<Vec<_>>(), [0x080, 0x081]);
-    for (plain, inverted) in sent[0].data().iter().zip(sent[1].data()) {
+    // The checksums differ: each copy has a data id of its own.
+    for (plain, inverted) in sent[0].data().iter().zip(sent[1].data()).take(6) {
         assert_eq!(plain ^ inverted, 0xFF);
     }
 }
