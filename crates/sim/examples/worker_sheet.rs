@@ -32,18 +32,15 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let file = file.ok_or("name the PNG to write")?;
     let mut sheet = RgbImage::new(size[0] * COLUMNS, size[1] * 3);
     for cell in 0..COLUMNS * 3 {
-        let (mut picture, truth) = match seed {
-            Some(seed) => {
-                let variation = SceneVariation::random(seed + u64::from(cell), size)?;
-                let worker = Worker::new(variation.worker.clone())?;
-                Scene::varied(&variation).render(&worker.pose_at(variation.at))
-            }
-            None => {
-                let action = Action::ALL[(cell / COLUMNS) as usize];
-                let worker = Worker::new(WorkerParams { script: Script::Repeat(action), ..WorkerParams::default() })?;
-                let at = Duration::from_millis(u64::from(cell % COLUMNS) * 700 + 100);
-                Scene::new(default_camera(size)?, worker.params()).render(&worker.pose_at(at))
-            }
+        let (mut picture, truth) = if let Some(seed) = seed {
+            let variation = SceneVariation::random(seed + u64::from(cell), size)?;
+            let worker = Worker::new(variation.worker.clone())?;
+            Scene::varied(&variation).render(&worker.pose_at(variation.at))
+        } else {
+            let action = Action::ALL[(cell / COLUMNS) as usize];
+            let worker = Worker::new(WorkerParams { script: Script::Repeat(action), ..WorkerParams::default() })?;
+            let at = Duration::from_millis(u64::from(cell % COLUMNS) * 700 + 100);
+            Scene::new(default_camera(size)?, worker.params()).render(&worker.pose_at(at))
         };
         if joints {
             mark(&mut picture, &truth);

@@ -62,7 +62,7 @@ fn follow(cycles: u64) -> Run {
             active = Some((k, out.commanded_rad.to_vec()));
         }
         to_node.clear();
-        for frame in out.tx.iter() {
+        for frame in &out.tx {
             to_node.push(Event::frame(now, *frame));
             run.host_tx.push(Stamped { at: now, frame: *frame });
         }

@@ -1,3 +1,4 @@
+use std::fmt::Write as _;
 use std::time::Duration;
 
 use can_driver::{Drive, Setpoint};
@@ -16,7 +17,8 @@ fn rods(count: usize, mass: f64, effort: f64, velocity: f64, dynamics: &str) -> 
     let mut urdf = String::from(r#"<robot name="rods"><link name="l0"/>"#);
     for k in 1..=count {
         let x = if k == 1 { 0.0 } else { 0.6 };
-        urdf += &format!(
+        let _ = write!(
+            urdf,
             r#"<link name="l{k}"><inertial><origin xyz="0.3 0 0"/><mass value="{mass}"/>
             <inertia ixx="0.001" ixy="0" ixz="0" iyy="0.03" iyz="0" izz="0.03"/></inertial></link>
             <joint name="j{k}" type="revolute"><parent link="l{p}"/><child link="l{k}"/><origin xyz="{x} 0 0"/>
@@ -238,7 +240,7 @@ fn smooth_setpoints_are_followed_to_a_few_milliradians() {
     };
     let (mut worst, mut squares, mut count) = (0.0_f64, 0.0, 0);
     for ms in 0..6000 {
-        let t = ms as f64 * 1e-3;
+        let t = f64::from(ms) * 1e-3;
         let setpoints: Vec<Setpoint> = (0..6)
             .map(|k| Setpoint {
                 position_rad: path(k, t),

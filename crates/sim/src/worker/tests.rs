@@ -95,10 +95,10 @@ fn acceleration_has_no_jumps() {
 
 #[test]
 fn a_round_does_each_action_as_often_as_told() {
+    use Action::{Align, Flip, Move};
     let script = Script::Round { repetitions: 2 };
     let worker = Worker::new(WorkerParams { script, variation: 0.0, ..WorkerParams::default() }).unwrap();
     let seen: Vec<Action> = (0..7).map(|k| worker.action_at(Duration::from_millis(1500 + 3000 * k))).collect();
-    use Action::{Align, Flip, Move};
     assert_eq!(seen, [Move, Move, Align, Align, Flip, Flip, Move]);
 }
 
