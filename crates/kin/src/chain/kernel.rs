@@ -55,6 +55,13 @@ impl Chain {
         self.machine.run(Pose { chain: self, q })
     }
 
+    /// The body of [`Chain::tip_frame`], for callers that are dispatched already.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "must take on the instruction set of its caller")]
+    pub(crate) fn tip_frame_here(&self, q: &[f64]) -> Frame {
+        self.walk(q, |_, _| ())
+    }
+
     /// The body of [`Chain::tip_frame_and_jacobian`], for callers that are dispatched already.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "must take on the instruction set of its caller")]

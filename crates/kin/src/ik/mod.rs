@@ -32,10 +32,10 @@ pub struct IkOptions {
     /// How many metres one radian counts when the target cannot be reached; zero ignores the rotation altogether.
     /// Default 0.3, about the length of the wrist and tool of a bench arm.
     pub rotation_weight_m_per_rad: f64,
-    /// Least-squares steps over all attempts. Default 3000.
+    /// Least-squares steps over all attempts. Default 6000.
     pub iterations: u32,
     /// Attempts from random poses within the limits, after the first one from the seed. Zero stays on the branch of
-    /// the seed. Default 60.
+    /// the seed. Default 200.
     pub restarts: u32,
     /// Where the random poses begin; the same number gives the same answer. Default 0.
     pub random_seed: u64,
@@ -49,8 +49,8 @@ impl Default for IkOptions {
             position_tolerance_m: 1e-6,
             rotation_tolerance_rad: 1e-6,
             rotation_weight_m_per_rad: 0.3,
-            iterations: 3000,
-            restarts: 60,
+            iterations: 6000,
+            restarts: 200,
             random_seed: 0,
             method: IkMethod::Auto,
         }

@@ -22,6 +22,13 @@ use pulp::{Simd, WithSimd};
 /// Steps of one attempt. A hopeless attempt is cheaper to abandon than to finish.
 const STEPS_PER_ATTEMPT: u32 = 60;
 
+/// An attempt whose distance has not halved within so many steps is abandoned, unless it is the best one known or no other
+/// may follow.
+const STEPS_PER_MILESTONE: u32 = 6;
+
+/// Random poses looked at per restart.
+const LOOKS_PER_RESTART: u32 = 8;
+
 struct Problem<'a> {
     chain: &'a Chain,
     dof: usize,
@@ -123,18 +130,32 @@ fn solve_here<const N: usize>(
     }
     let mut random = SplitMix(options.random_seed);
     let mut best_end = End::GaveUp;
-    while report.attempts <= options.restarts && report.iterations < options.iterations {
-        let start = if report.attempts == 0 { best } else { problem.evaluate(problem.random_pose(&mut random)) };
+    let mut stopped = false;
+    while report.attempts <= options.restarts && report.iterations < options.iterations && !stopped {
+        let first = report.attempts == 0;
+        let start = if first { best } else { problem.evaluate(problem.promising_pose(&mut random)) };
         report.attempts += 1;
-        let (point, end, stopped) = problem.descend(start, &mut report.iterations, go_on);
-        if end == End::Reached || point.cost < best.cost || report.attempts == 1 {
+        let patience = match (first, options.restarts) {
+            (true, 0) => f64::INFINITY,
+            (true, _) => 0.0,
+            (false, _) => best.cost,
+        };
+        let (point, end, ended) = problem.descend(start, patience, &mut report.iterations, go_on);
+        stopped = ended;
+        if end == End::Reached || point.cost < best.cost || first {
             best = point;
             best_end = end;
-            report.from_seed = report.attempts == 1;
+            report.from_seed = first;
         }
-        if end == End::Reached || stopped {
+        if end == End::Reached {
             break;
         }
+    }
+    if best_end == End::GaveUp && !stopped {
+        // Nothing beats an attempt that was abandoned: finish it.
+        let (point, end, _) = problem.descend(best, f64::INFINITY, &mut report.iterations, go_on);
+        best = point;
+        best_end = end;
     }
     q.copy_from_slice(&best.q[..dof]);
     report.position_error_m = best.position_error;
@@ -171,13 +192,27 @@ impl Problem<'_> {
         }
     }
 
-    fn random_pose<const N: usize>(&self, random: &mut SplitMix) -> [f64; N] {
-        let mut q = [0.0; N];
-        for (value, limits) in q.iter_mut().zip(self.chain.limits()) {
-            let (lower, upper) = finite_range(limits.lower, limits.upper);
-            *value = lower + (upper - lower) * random.unit();
+    /// The best of some random poses within the limits. Looking costs a tenth of a step, a wrong start ten steps.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "must take on the instruction set of its caller")]
+    fn promising_pose<const N: usize>(&self, random: &mut SplitMix) -> [f64; N] {
+        let (mut best, mut least) = ([0.0; N], f64::INFINITY);
+        for _ in 0..LOOKS_PER_RESTART {
+            let mut q = [0.0; N];
+            for (value, limits) in q.iter_mut().zip(self.chain.limits()) {
+                let (lower, upper) = finite_range(limits.lower, limits.upper);
+                *value = lower + (upper - lower) * random.unit();
+            }
+            let tip = self.chain.tip_frame_here(&q[..self.dof]);
+            let off = (self.target_position - tip.position()).norm_squared();
+            // |R_1 - R_2|^2 = 4 (1 - cos t) orders rotations as their angle does.
+            let turned = (self.target_rotation - tip.rotation()).norm_squared() / 2.0;
+            let cost = off + self.rho * self.rho * turned;
+            if cost < least {
+                (best, least) = (q, cost);
+            }
         }
-        q
+        best
     }
 
     fn reached<const N: usize>(&self, point: &Point<N>) -> bool {
@@ -220,6 +255,7 @@ impl Problem<'_> {
     fn descend<const N: usize>(
         &self,
         start: Point<N>,
+        patience: f64,
         iterations: &mut u32,
         go_on: &mut dyn FnMut() -> bool,
     ) -> (Point<N>, End, bool) {
@@ -230,7 +266,14 @@ impl Problem<'_> {
         let mut growth = 2.0;
         // Far from the target the curvature of the motion itself matters more than H knows.
         let mut curved = false;
-        for _ in 0..STEPS_PER_ATTEMPT {
+        let mut milestone = point.cost;
+        for step in 1..=STEPS_PER_ATTEMPT {
+            if step % STEPS_PER_MILESTONE == 0 {
+                if point.cost > patience && point.cost > 0.25 * milestone {
+                    return (point, End::GaveUp, false);
+                }
+                milestone = point.cost;
+            }
             if self.reached(&point) {
                 return (point, End::Reached, false);
             }
