@@ -33,7 +33,6 @@ pub(crate) fn vcan_test(arguments: &[String]) -> Result<()> {
         setup(backend)?;
     }
     let python = python::virtual_environment("vcan", &workspace_root().join("tests/vcan/requirements.txt"))?;
-    run(&mut cargo(&["build", "--release", "-p", "ogg", "--bin", "ogg"]))?;
     let binary = test_binary()?;
 
     let mut command = if native {
@@ -129,7 +128,19 @@ fn cache() -> PathBuf {
 
 /// Builds the test program and gives its path.
 fn test_binary() -> Result<PathBuf> {
-    let arguments = ["test", "--release", "-p", "system-tests", "--test", "vcan", "--no-run", "--message-format=json"];
+    // The whole workspace is named, so that dependencies are built with the features that `cargo xtask test` uses; the test
+    // `bad_input` stands for the `ogg` command, which is built with it.
+    let arguments = [
+        "test",
+        "--release",
+        "--workspace",
+        "--test",
+        "vcan",
+        "--test",
+        "bad_input",
+        "--no-run",
+        "--message-format=json",
+    ];
     let messages = output(&mut cargo(&arguments))?;
     for line in messages.lines() {
         let message: serde_json::Value = serde_json::from_str(line).context("a message of cargo")?;

@@ -1,4 +1,4 @@
-//! The pipeline and one control tick as pure functions: teach, learn, predict, retarget, guard.
+#![doc = include_str!("../README.md")]
 
 mod control;
 mod error;
