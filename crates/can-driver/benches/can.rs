@@ -108,6 +108,6 @@ fn main() {
             let _ = black_box(event);
         }
     });
-    rows.push(row("in-process bus", round, "send and receive of one frame, five endpoints' queues"));
+    rows.push(row("in-process bus", round, "send and receive of one frame among four endpoints"));
     println!("{}", serde_json::json!({"area": "can", "rows": rows}));
 }
