@@ -17,8 +17,8 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("sim", &["can-driver", "kin"]),
     ("follow", &["gmr-core", "kin", "motion"]),
     ("ogg", &["can-driver", "follow", "gmr-core", "kin", "motion", "pose", "sim"]),
-    ("ogg-rs-py", &["can-driver", "follow", "gmr-core", "kin", "motion", "ogg", "pose", "sim"]),
-    ("system-tests", &["can-driver", "follow", "gmr-core", "kin", "motion", "ogg", "pose", "sim"]),
+    ("ogg-rs-py", &["follow", "gmr-core", "kin", "motion"]),
+    ("system-tests", &["can-driver"]),
     ("xtask", &[]),
 ];
 

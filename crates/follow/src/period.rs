@@ -36,7 +36,8 @@ pub fn find_period<const D: usize>(track: &[[f64; D]], min_lag: usize, threshold
             }
         }
         let scale = (head * tail).sqrt();
-        if scale > 0.0 { cross / scale } else { 0.0 }
+        // A track that stays within a millionth of its unit stands still; what is left of it is rounding.
+        if scale > 1e-12 * n as f64 { cross / scale } else { 0.0 }
     };
     let values: Vec<f64> = (min_lag - 1..=max_lag).map(correlation).collect();
     let best = values[1..values.len() - 1].iter().copied().fold(f64::NEG_INFINITY, f64::max);

@@ -17,6 +17,10 @@ use nalgebra::{Cholesky, SMatrix, SVector};
 
 use crate::error::Error;
 
+/// Least spread of one step, in bins. A worker who is steadily slower than shown drifts by a quarter of a bin per frame; with
+/// half of this the filter would lag behind by twice as much, with double it would take over twice the noise of the picture.
+const LEAST_SPREAD_BINS: f64 = 0.6;
+
 /// Settings of the phase filter.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -161,7 +165,7 @@ impl<const D: usize> PhaseFilter<D> {
         let steps = (self.carry_s / self.params.bin_s).floor();
         self.carry_s -= steps * self.params.bin_s;
         let steps = (steps as usize).min(10 * bins);
-        let sigma_bins = (self.params.rate_spread * elapsed_s / self.params.bin_s).max(0.3);
+        let sigma_bins = (self.params.rate_spread * elapsed_s / self.params.bin_s).max(LEAST_SPREAD_BINS);
         let radius = ((3.0 * sigma_bins).ceil() as isize).min(bins as isize / 2).max(1);
         let kernel = |k: isize| (-0.5 * (k as f64 / sigma_bins).powi(2)).exp();
         let norm: f64 = (-radius..=radius).map(kernel).sum();

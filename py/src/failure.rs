@@ -1,0 +1,168 @@
+//! Every error of the crates below as one exception of `ogg_rs.errors`, with its variant and fields kept.
+
+use std::fmt::Debug;
+use std::path::PathBuf;
+
+use pyo3::PyErr;
+
+mod classes {
+    pyo3::import_exception!(ogg_rs.errors, DeviceError);
+    pyo3::import_exception!(ogg_rs.errors, InvalidParameter);
+    pyo3::import_exception!(ogg_rs.errors, NumericalError);
+    pyo3::import_exception!(ogg_rs.errors, OggError);
+}
+
+/// What can go wrong on the way between Python and the crates.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum Failure {
+    /// Mixtures, regression, time series.
+    #[error(transparent)]
+    Mixture(#[from] gmr_core::Error),
+    /// Kinematics.
+    #[error(transparent)]
+    Kin(#[from] kin::Error),
+    /// Tracking.
+    #[error(transparent)]
+    Motion(#[from] motion::Error),
+    /// Motion models.
+    #[error(transparent)]
+    Follow(#[from] follow::Error),
+    /// A file could not be read or written.
+    #[error("{}: {source}", path.display())]
+    File { path: PathBuf, source: std::io::Error },
+    /// An array is not laid out as the Python half promises.
+    #[error("{what}: expected a C-contiguous array")]
+    Layout { what: &'static str },
+    /// An argument is outside its domain.
+    #[error("{what}: expected {expected}, got {got}")]
+    Argument { what: &'static str, expected: String, got: String },
+}
+
+/// The exception classes that an error can become.
+#[derive(Clone, Copy)]
+enum Class {
+    Base,
+    Parameter,
+    Numerical,
+    Device,
+}
+
+fn class_of_mixture(error: &gmr_core::Error) -> Class {
+    use gmr_core::Error as E;
+    match error {
+        E::InvalidParameter { .. }
+        | E::Length { .. }
+        | E::TooFewSamples { .. }
+        | E::NotFinite { .. }
+        | E::OutOfRange { .. }
+        | E::Dimension { .. }
+        | E::WeightsNotNormalised { .. }
+        | E::TimeNotIncreasing { .. } => Class::Parameter,
+        E::NotPositiveDefinite { .. }
+        | E::NoSupport { .. }
+        | E::AllRestartsFailed { .. }
+        | E::Degenerate { .. }
+        | E::NotConverged { .. } => Class::Numerical,
+        _ => Class::Base,
+    }
+}
+
+fn class_of_kin(error: &kin::Error) -> Class {
+    use kin::Error as E;
+    match error {
+        E::Read { .. } => Class::Device,
+        E::TooFewViews { .. }
+        | E::ParallelRays { .. }
+        | E::InconsistentViews { .. }
+        | E::PlaneMissed { .. }
+        | E::Homography { .. }
+        | E::NoDepth { .. } => Class::Numerical,
+        E::UrdfSyntax { .. }
+        | E::UrdfDuplicate { .. }
+        | E::UrdfDangling { .. }
+        | E::UrdfTree { .. }
+        | E::UrdfJointKind { .. }
+        | E::UrdfLimit { .. }
+        | E::UrdfValue { .. }
+        | E::UrdfMesh { .. }
+        | E::UnknownLink { .. }
+        | E::UnknownJoint { .. }
+        | E::Length { .. }
+        | E::Domain { .. }
+        | E::EmptyChain { .. }
+        | E::CalibrationSyntax { .. }
+        | E::Calibration { .. } => Class::Parameter,
+        _ => Class::Base,
+    }
+}
+
+fn class_of_motion(error: &motion::Error) -> Class {
+    use motion::Error as E;
+    match error {
+        E::InvalidParameter { .. }
+        | E::InvalidLimit { .. }
+        | E::Count { .. }
+        | E::NotFinite { .. }
+        | E::Age { .. }
+        | E::OutOfOrder { .. }
+        | E::HorizonTooLong { .. }
+        | E::ZeroStep => Class::Parameter,
+        _ => Class::Base,
+    }
+}
+
+fn class_of_follow(error: &follow::Error) -> Class {
+    use follow::Error as E;
+    match error {
+        E::Motion(inner) => class_of_motion(inner),
+        E::Mixture(inner) => class_of_mixture(inner),
+        E::Kin(inner) => class_of_kin(inner),
+        E::NotPositiveDefinite { .. } => Class::Numerical,
+        E::Parameter { .. }
+        | E::NotFinite { .. }
+        | E::TimeRunsBackwards { .. }
+        | E::TooLittleSeen { .. }
+        | E::ModelFile { .. }
+        | E::ViewCount { .. }
+        | E::JointCount { .. }
+        | E::HomeOutsideLimits { .. }
+        | E::UnknownJoint { .. } => Class::Parameter,
+        _ => Class::Base,
+    }
+}
+
+/// `NotFinite { what: "samples", .. }` without the names of the enums around it.
+fn detail_of(failure: &Failure) -> String {
+    fn debug(error: &impl Debug) -> String {
+        format!("{error:?}")
+    }
+    match failure {
+        Failure::Mixture(e) | Failure::Follow(follow::Error::Mixture(e)) => debug(e),
+        Failure::Kin(e) | Failure::Follow(follow::Error::Kin(e)) => debug(e),
+        Failure::Motion(e) | Failure::Follow(follow::Error::Motion(e)) => debug(e),
+        Failure::Follow(e) => debug(e),
+        Failure::File { .. } | Failure::Layout { .. } | Failure::Argument { .. } => debug(failure),
+    }
+}
+
+impl From<Failure> for PyErr {
+    fn from(failure: Failure) -> Self {
+        let class = match &failure {
+            Failure::Mixture(e) => class_of_mixture(e),
+            Failure::Kin(e) => class_of_kin(e),
+            Failure::Motion(e) => class_of_motion(e),
+            Failure::Follow(e) => class_of_follow(e),
+            Failure::File { .. } => Class::Device,
+            Failure::Layout { .. } | Failure::Argument { .. } => Class::Parameter,
+        };
+        let detail = detail_of(&failure);
+        let kind: String = detail.chars().take_while(|c| c.is_alphanumeric()).collect();
+        let arguments = (failure.to_string(), kind, detail);
+        match class {
+            Class::Base => classes::OggError::new_err(arguments),
+            Class::Parameter => classes::InvalidParameter::new_err(arguments),
+            Class::Numerical => classes::NumericalError::new_err(arguments),
+            Class::Device => classes::DeviceError::new_err(arguments),
+        }
+    }
+}

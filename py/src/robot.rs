@@ -1,0 +1,168 @@
+//! Kinematics of a chain read from a URDF.
+
+use kin::{Chain, IkOptions, UrdfOptions};
+use nalgebra::{Isometry3, Matrix3, Matrix6xX, Rotation3, Translation3, UnitQuaternion};
+use numpy::{PyArray1, PyArray2, PyArray3, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+
+use crate::array::{borrowed, check_finite, check_len, moved, moved2, moved3};
+use crate::failure::Failure;
+
+/// How far `R R'` of a target may be from the identity.
+const ROTATION_TOLERANCE: f64 = 1e-6;
+
+/// Joint values `(m, n)`, whether the target was reached, and the remaining errors in m and rad, each `(m)`.
+type IkAnswer<'py> =
+    (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<bool>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
+
+/// A robot and the chain between two of its links.
+#[pyclass(frozen, module = "ogg_rs._native")]
+pub(crate) struct Robot {
+    name: String,
+    chain: Chain,
+}
+
+impl Robot {
+    fn of(robot: &kin::Robot, base: Option<&str>, tip: Option<&str>) -> Result<Self, Failure> {
+        let base = base.unwrap_or(&robot.root_link().name);
+        let tip = match tip {
+            Some(tip) => tip,
+            None => only_leaf(robot)?,
+        };
+        Ok(Self { name: robot.name().to_owned(), chain: robot.chain(base, tip)? })
+    }
+
+    fn joint_vectors<'a>(&self, q: &'a PyReadonlyArray2<'_, f64>) -> Result<&'a [f64], Failure> {
+        check_len("last axis of q", self.chain.dof(), q.shape()[1])?;
+        let values = borrowed("q", q)?;
+        check_finite("q", values)?;
+        Ok(values)
+    }
+}
+
+/// The one link that carries no other.
+fn only_leaf(robot: &kin::Robot) -> Result<&str, Failure> {
+    let parents: Vec<usize> = robot.joints().iter().map(|joint| joint.parent.index()).collect();
+    let links = robot.links().iter().enumerate();
+    let leaves: Vec<&str> = links.filter(|(i, _)| !parents.contains(i)).map(|(_, link)| link.name.as_str()).collect();
+    match leaves[..] {
+        [leaf] => Ok(leaf),
+        _ => Err(Failure::Argument {
+            what: "tip",
+            expected: format!("one of the end links {leaves:?}"),
+            got: "None".to_owned(),
+        }),
+    }
+}
+
+/// The pose of a homogeneous matrix.
+fn pose_of(matrix: &[f64]) -> Result<Isometry3<f64>, Failure> {
+    let rotation = Matrix3::from_fn(|i, j| matrix[4 * i + j]);
+    let skew = (rotation * rotation.transpose() - Matrix3::identity()).abs().max();
+    let last_row = [0.0, 0.0, 0.0, 1.0].iter().zip(&matrix[12..]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    if !(skew <= ROTATION_TOLERANCE && last_row <= ROTATION_TOLERANCE && rotation.determinant() > 0.0) {
+        return Err(Failure::Argument {
+            what: "target",
+            expected: format!("a right-handed rotation orthonormal within {ROTATION_TOLERANCE:e}, last row 0 0 0 1"),
+            got: format!("{matrix:?}"),
+        });
+    }
+    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
+    Ok(Isometry3::from_parts(Translation3::new(matrix[3], matrix[7], matrix[11]), rotation))
+}
+
+#[pymethods]
+impl Robot {
+    #[staticmethod]
+    #[pyo3(signature = (path, base=None, tip=None))]
+    fn from_urdf(path: std::path::PathBuf, base: Option<&str>, tip: Option<&str>) -> PyResult<Self> {
+        let options = UrdfOptions::default().resolve_meshes(false);
+        let robot = kin::Robot::from_urdf_file(path, &options).map_err(Failure::from)?;
+        Ok(Self::of(&robot, base, tip)?)
+    }
+
+    #[staticmethod]
+    fn builtin() -> PyResult<Self> {
+        Ok(Self::of(&kin::Robot::builtin(), Some("base_link"), Some("tool0"))?)
+    }
+
+    #[getter]
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    #[getter]
+    fn base(&self) -> &str {
+        self.chain.base()
+    }
+
+    #[getter]
+    fn tip(&self) -> &str {
+        self.chain.tip()
+    }
+
+    #[getter]
+    fn joint_names(&self) -> Vec<String> {
+        self.chain.joint_names().to_vec()
+    }
+
+    /// `(n, 2)`: lower, upper.
+    #[getter]
+    fn position_limits<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let limits = self.chain.limits().iter().flat_map(|limits| [limits.lower, limits.upper]).collect();
+        moved2(py, limits, [self.chain.dof(), 2])
+    }
+
+    /// `(m, n)` to `(m, 4, 4)`.
+    fn fk<'py>(&self, py: Python<'py>, q: PyReadonlyArray2<'py, f64>) -> PyResult<Bound<'py, PyArray3<f64>>> {
+        let values = self.joint_vectors(&q)?;
+        let poses: Vec<f64> = py.detach(|| {
+            let matrices = values.chunks_exact(self.chain.dof()).map(|q| self.chain.fk_matrix(q).to_homogeneous());
+            matrices.flat_map(|matrix| matrix.transpose().data.0).flatten().collect()
+        });
+        moved3(py, poses, [q.shape()[0], 4, 4])
+    }
+
+    /// `(m, n)` to `(m, 6, n)`, linear rows first.
+    fn jacobian<'py>(&self, py: Python<'py>, q: PyReadonlyArray2<'py, f64>) -> PyResult<Bound<'py, PyArray3<f64>>> {
+        let (values, dof) = (self.joint_vectors(&q)?, self.chain.dof());
+        let rows = py.detach(|| {
+            let mut jacobian = Matrix6xX::zeros(dof);
+            let mut rows = Vec::with_capacity(6 * values.len());
+            for q in values.chunks_exact(dof) {
+                self.chain.fk_jacobian_into(q, &mut jacobian);
+                rows.extend(jacobian.row_iter().flat_map(|row| row.iter().copied().collect::<Vec<f64>>()));
+            }
+            rows
+        });
+        moved3(py, rows, [q.shape()[0], 6, dof])
+    }
+
+    /// Targets `(m, 4, 4)` and seeds `(m, n)`.
+    fn ik<'py>(
+        &self,
+        py: Python<'py>,
+        targets: PyReadonlyArray3<'py, f64>,
+        seeds: PyReadonlyArray2<'py, f64>,
+    ) -> PyResult<IkAnswer<'py>> {
+        let (count, dof) = (targets.shape()[0], self.chain.dof());
+        check_len("rows of a target", 4, targets.shape()[1])?;
+        check_len("columns of a target", 4, targets.shape()[2])?;
+        check_len("number of seeds", count, seeds.shape()[0])?;
+        let mut q = self.joint_vectors(&seeds)?.to_vec();
+        let numbers = borrowed("target", &targets)?;
+        check_finite("target", numbers)?;
+        let poses = numbers.chunks_exact(16).map(pose_of).collect::<Result<Vec<_>, _>>()?;
+        let options = IkOptions::default();
+        let reports: Vec<_> = py.detach(|| {
+            let pairs = poses.iter().zip(q.chunks_exact_mut(dof));
+            pairs.map(|(pose, q)| self.chain.ik(pose, &options, q)).collect()
+        });
+        Ok((
+            moved2(py, q, [count, dof])?,
+            moved(py, reports.iter().map(kin::IkReport::reached).collect()),
+            moved(py, reports.iter().map(|r| r.position_error_m).collect()),
+            moved(py, reports.iter().map(|r| r.rotation_error_rad).collect()),
+        ))
+    }
+}

@@ -1,0 +1,212 @@
+"""GaussianMixture against scikit-learn, NumPy and closed forms."""
+
+import copy
+import pickle
+import threading
+import time
+
+import numpy as np
+import pytest
+from sklearn.base import clone
+from sklearn.exceptions import ConvergenceWarning as SklearnConvergenceWarning
+from sklearn.mixture import GaussianMixture as Reference
+
+import ogg_rs
+
+KINDS = ["full", "tied", "diag", "spherical"]
+
+
+def data(n=400, d=3, seed=0):
+    rng = np.random.default_rng(seed)
+    centres = 1.5 * rng.normal(size=(3, d))
+    return centres[rng.integers(3, size=n)] + rng.normal(size=(n, d)) * rng.uniform(0.4, 1.2, d)
+
+
+def start(kind, x, k=3):
+    rng = np.random.default_rng(1)
+    d = x.shape[1]
+    base = np.linalg.inv(np.cov(x.T))
+    precisions = {
+        "full": np.stack([base * s for s in (1.0, 1.5, 2.0)]),
+        "tied": base,
+        "diag": np.tile(np.diag(base), (k, 1)),
+        "spherical": np.full(k, base.trace() / d),
+    }[kind]
+    return {
+        "weights_init": np.array([0.2, 0.3, 0.5]),
+        "means_init": x[rng.choice(len(x), k, replace=False)],
+        "precisions_init": precisions,
+    }
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+@pytest.mark.filterwarnings("ignore::ogg_rs.ConvergenceWarning")
+@pytest.mark.parametrize("max_iter", [1, 7, 300])
+def test_the_same_start_gives_the_numbers_of_scikit_learn(kind, max_iter):
+    x = data()
+    arguments = {"covariance_type": kind, "max_iter": max_iter, "tol": 1e-6, **start(kind, x)}
+    theirs = Reference(3, **arguments).fit(x)
+    ours = ogg_rs.GaussianMixture(3, **arguments).fit(x)
+    assert (ours.n_iter_, ours.converged_) == (theirs.n_iter_, theirs.converged_)
+    for name in ("weights_", "means_", "covariances_", "precisions_cholesky_", "lower_bound_"):
+        got, want = getattr(ours, name), getattr(theirs, name)
+        assert np.shape(got) == np.shape(want), name
+        np.testing.assert_allclose(got, want, rtol=1e-8, atol=1e-8, err_msg=name)
+    other = data(seed=5)
+    np.testing.assert_allclose(ours.score_samples(other), theirs.score_samples(other), rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(ours.predict_proba(other), theirs.predict_proba(other), rtol=1e-8, atol=1e-8)
+    np.testing.assert_array_equal(ours.predict(other), theirs.predict(other))
+    for name in ("score", "bic", "aic"):
+        assert getattr(ours, name)(other) == pytest.approx(getattr(theirs, name)(other), rel=1e-8)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_samples_are_those_of_scikit_learn_from_the_same_seed(kind):
+    x = data()
+    arguments = {"covariance_type": kind, "random_state": 3, "max_iter": 300, **start(kind, x)}
+    ours, labels = ogg_rs.GaussianMixture(3, **arguments).fit(x).sample(50)
+    theirs, their_labels = Reference(3, **arguments).fit(x).sample(50)
+    np.testing.assert_allclose(ours, theirs, rtol=1e-6, atol=1e-6)
+    np.testing.assert_array_equal(labels, their_labels)
+
+
+def test_one_component_is_mean_and_covariance():
+    x = data()
+    fit = ogg_rs.GaussianMixture(reg_covar=0.0).fit(x)
+    np.testing.assert_allclose(fit.means_[0], x.mean(axis=0), rtol=1e-12)
+    np.testing.assert_allclose(fit.covariances_[0], np.cov(x.T, bias=True), rtol=1e-10)
+
+
+def test_a_weight_of_two_counts_as_two_rows():
+    x = data(60)
+    weights = np.where(np.arange(60) % 3 == 0, 2.0, 1.0)
+    arguments = {"max_iter": 300, **start("full", x)}
+    weighted = ogg_rs.GaussianMixture(3, **arguments).fit(x, sample_weight=weights)
+    repeated = ogg_rs.GaussianMixture(3, **arguments).fit(np.repeat(x, weights.astype(int), axis=0))
+    np.testing.assert_allclose(weighted.means_, repeated.means_, rtol=1e-8)
+
+
+def test_values_not_seen_are_integrated_out():
+    # Independent columns: the means of the seen values are the maximum of the likelihood.
+    rng = np.random.default_rng(2)
+    x = rng.normal(size=(200, 2))
+    x[rng.random(x.shape) < 0.2] = np.nan
+    fit = ogg_rs.GaussianMixture(covariance_type="diag", reg_covar=0.0, tol=1e-12, max_iter=1000).fit(x)
+    np.testing.assert_allclose(fit.means_[0], np.nanmean(x, axis=0), atol=1e-5)
+    np.testing.assert_allclose(fit.covariances_[0], np.nanvar(x, axis=0), atol=1e-5)
+
+
+def test_conditioning_is_the_gaussian_formula():
+    x = data()
+    fit = ogg_rs.GaussianMixture(reg_covar=0.0).fit(x)
+    given = fit.condition([1], [0.7])
+    mean, cov = x.mean(axis=0), np.cov(x.T, bias=True)
+    slope = cov[[0, 2], 1] / cov[1, 1]
+    np.testing.assert_allclose(given.means_[0], mean[[0, 2]] + slope * (0.7 - mean[1]), rtol=1e-9)
+    want = cov[np.ix_([0, 2], [0, 2])] - np.outer(slope, cov[1, [0, 2]])
+    np.testing.assert_allclose(given.covariances_[0], want, rtol=1e-9)
+
+
+@pytest.mark.parametrize("init", ["kmeans", "k-means++", "random_from_data"])
+def test_the_same_seed_gives_the_same_numbers(init):
+    x = data()
+    fits = [ogg_rs.GaussianMixture(3, init_params=init, random_state=4, n_init=3, max_iter=500).fit(x) for _ in range(2)]
+    np.testing.assert_array_equal(fits[0].means_, fits[1].means_)
+
+
+def test_a_warm_start_goes_on_where_the_last_fit_ended():
+    x = data()
+    arguments = {"tol": 0.0, **start("full", x)}
+    with pytest.warns(ogg_rs.ConvergenceWarning):
+        whole = ogg_rs.GaussianMixture(3, max_iter=6, **arguments).fit(x)
+    parts = ogg_rs.GaussianMixture(3, max_iter=3, warm_start=True, **arguments)
+    for _ in range(2):
+        with pytest.warns(ogg_rs.ConvergenceWarning):
+            parts.fit(x)
+    np.testing.assert_allclose(parts.means_, whole.means_, rtol=1e-12)
+
+
+def test_means_alone_take_the_rest_from_their_nearest_samples():
+    x = np.array([[0.0], [1.0], [10.0], [12.0], [14.0]])
+    with pytest.warns(ogg_rs.ConvergenceWarning):
+        fit = ogg_rs.GaussianMixture(2, means_init=[[0.5], [12.0]], max_iter=1, reg_covar=0.0).fit(x)
+    # Between the groups lie more than six deviations of either: one step moves their moments by less than 1e-9.
+    np.testing.assert_allclose(fit.weights_, [0.4, 0.6], atol=1e-9)
+    np.testing.assert_allclose(fit.covariances_.ravel(), [0.25, 8 / 3], atol=1e-7)
+
+
+def test_clone_copy_and_pickle():
+    x = data()
+    fit = ogg_rs.GaussianMixture(3, random_state=1, max_iter=500).fit(x)
+    fresh = clone(fit)
+    assert fresh.get_params() == fit.get_params()
+    assert not hasattr(fresh, "means_")
+    for twin in (pickle.loads(pickle.dumps(fit)), copy.deepcopy(fit)):
+        np.testing.assert_array_equal(twin.score_samples(x), fit.score_samples(x))
+    with pytest.raises(ogg_rs.InvalidParameter, match="no parameter 'k'"):
+        fit.set_params(k=2)
+
+
+@pytest.mark.parametrize("form", [np.float32, np.int64, "fortran", "strided", "list"])
+def test_any_layout_gives_the_same_numbers(form):
+    x = np.round(data() * 8.0)
+    want = ogg_rs.GaussianMixture(2, random_state=0, max_iter=500).fit(x).means_
+    if form == "fortran":
+        given = np.asfortranarray(x)
+    elif form == "strided":
+        given = np.repeat(x, 2, axis=1)[:, ::2]
+    else:
+        given = x.tolist() if form == "list" else x.astype(form)
+    np.testing.assert_array_equal(ogg_rs.GaussianMixture(2, random_state=0, max_iter=500).fit(given).means_, want)
+
+
+def test_a_contiguous_input_reaches_the_native_half_uncopied(monkeypatch):
+    from ogg_rs import _native
+
+    seen = []
+    fit_mixture = _native.fit_mixture
+    monkeypatch.setattr(_native, "fit_mixture", lambda x, **rest: seen.append(x) or fit_mixture(x, **rest))
+    x = data()
+    ogg_rs.GaussianMixture().fit(x)
+    assert seen[0] is x
+
+
+def test_the_interpreter_runs_while_a_fit_does():
+    x = data(40_000, 6)
+    arguments = {"tol": 0.0, "max_iter": 30, "random_state": 0}
+    done = threading.Event()
+    counts = {"during": 0}
+
+    def fit():
+        with pytest.warns(ogg_rs.ConvergenceWarning):
+            ogg_rs.GaussianMixture(8, **arguments).fit(x)
+        done.set()
+
+    worker = threading.Thread(target=fit)
+    worker.start()
+    # Each round hands the interpreter over; were it held by the fit, hardly a round would pass before its end.
+    while not done.is_set():
+        counts["during"] += 1
+        time.sleep(0)
+    worker.join()
+    assert counts["during"] > 1000
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"n_components": 0}, {"n_components": 1.5}, {"covariance_type": "round"}, {"tol": -1.0}, {"reg_covar": np.nan},
+     {"max_iter": 0}, {"n_init": 0}, {"init_params": "luck"}, {"random_state": "seed"}, {"weights_init": [1.0]},
+     {"means_init": [[0.0]]}, {"means_init": np.zeros((1, 3)), "weights_init": [0.5]}],
+)  # fmt: skip
+def test_parameters_out_of_their_domain_are_refused(wrong):
+    with pytest.raises(ogg_rs.InvalidParameter):
+        ogg_rs.GaussianMixture(**wrong).fit(data())
+
+
+def test_scikit_learn_warns_where_we_do():
+    x = data()
+    with pytest.warns(SklearnConvergenceWarning):
+        Reference(3, max_iter=1, **start("full", x)).fit(x)
+    with pytest.warns(ogg_rs.ConvergenceWarning, match="max_iter=1"):
+        ogg_rs.GaussianMixture(3, max_iter=1, **start("full", x)).fit(x)
