@@ -128,6 +128,7 @@ pub(super) fn filter(arma: &Arma, d: usize, y: &[f64], mean: Mean) -> Result<Fil
     for (t, &value) in y.iter().enumerate() {
         let seen = !value.is_nan();
         let (gain, f) = step_covariance(arma, d, &mut p, seen);
+        check_variance(t, f)?;
         let expected: Vec<f64> = (0..=columns).map(|c| observe(arma, &x[c]) + intercept(c)).collect();
         let v = value - expected[0];
         for (c, x) in x.iter_mut().enumerate() {
@@ -185,6 +186,10 @@ pub(super) fn filter(arma: &Arma, d: usize, y: &[f64], mean: Mean) -> Result<Fil
             p[i * s + j] += a.iter().zip(&b).map(|(a, b)| a * b).sum::<f64>();
         }
     }
+    check_variance(y.len(), observe(arma, &p.chunks_exact(s).map(|row| observe(arma, row)).collect::<Vec<f64>>()))?;
+    if let Some(i) = state.iter().position(|v| !v.is_finite()) {
+        return Err(lost(i, state[i]));
+    }
     Ok(Filtered {
         observed,
         log_f,
@@ -194,6 +199,21 @@ pub(super) fn filter(arma: &Arma, d: usize, y: &[f64], mean: Mean) -> Result<Fil
         covariance: p,
         innovations,
     })
+}
+
+/// No prediction is surer than the innovation, whose variance is the unit here. A variance well below it, or none,
+/// means that a unit root has swallowed all digits.
+fn check_variance(t: usize, f: f64) -> Result<()> {
+    if f > 0.5 && f < f64::INFINITY { Ok(()) } else { Err(lost(t, f)) }
+}
+
+fn lost(t: usize, value: f64) -> Error {
+    Error::NotPositiveDefinite {
+        what: "prediction variance of an ARIMA model on a unit root, value",
+        index: t,
+        pivot: 0,
+        value,
+    }
 }
 
 /// What the levels, estimated from the values so far, add to a prediction: `E beta` and `E S^-1 E'`. `None`

@@ -202,8 +202,9 @@ impl ArimaPlan {
     /// Fits the model to `y`, NaN marking missing values.
     ///
     /// # Errors
-    /// Infinite values, too few observed values for the parameters, or a series that is constant
-    /// after differencing, whose likelihood is unbounded.
+    /// Infinite values, too few observed values for the parameters, a series that is constant
+    /// after differencing, whose likelihood is unbounded, or one so close to unit roots that no filter can
+    /// follow it ([`Error::NotPositiveDefinite`]).
     pub fn fit(&self, y: &[f64]) -> Result<(Arima, ArimaReport)> {
         check_series(y)?;
         let ArimaOrder { p, d, q } = self.params.order;
@@ -290,6 +291,12 @@ impl ArimaPlan {
             mean: if constant { at.mean * prepared.scale + prepared.centre } else { 0.0 },
             variance: sigma2 * prepared.scale * prepared.scale,
         })?;
+        // So close to unit roots that the stationary variance is beyond 1e8, a filter may run out of digits:
+        // a model that cannot be run over its own series is no fit.
+        arma.stationary_covariance(&mut work);
+        if !(work.p[0] < 1e8) {
+            model.filter(y)?;
+        }
         let k = parameters as f64;
         let aic = 2.0 * k - 2.0 * log_likelihood;
         let report = ArimaReport {

@@ -291,7 +291,8 @@ impl ArimaState {
                 let (_, f) = dense::step_covariance(&arma, parts.difference, &mut p, false);
                 dense::advance(&arma, parts.difference, &state, parts.mean, &mut next);
                 std::mem::swap(&mut state, &mut next);
-                Forecast { mean, variance: f * parts.variance }
+                // No forecast is surer than the innovation; rounding may say so by a little.
+                Forecast { mean, variance: f.max(1.0) * parts.variance }
             })
             .collect()
     }
