@@ -8,6 +8,7 @@ use sim::{Arm, ArmParams, ControllerNode, Scene, SceneVariation, Worker, WorkerP
 
 fn row(name: &str, unit: &str, scale: f64, note: &str, mut times: Vec<Duration>) -> Value {
     times.sort();
+    eprintln!("{name}: {} measured", times.len());
     let at = |share: f64| times[((times.len() - 1) as f64 * share) as usize].as_secs_f64() * scale;
     json!({
         "name": name, "unit": unit, "ours": at(0.5), "peer": null, "peer_name": null, "ratio": null,
@@ -33,20 +34,20 @@ fn main() -> Result<(), sim::Error> {
         let worker = Worker::new(WorkerParams::default())?;
         let mut scene = Scene::new(default_camera(size)?, worker.params());
         let (mut picture, _) = scene.render(&worker.pose_at(Duration::ZERO));
-        let times = time(300, |i| {
+        let times = time(200, |i| {
             scene.render_into(&worker.pose_at(Duration::from_millis(33 * i as u64)), &mut picture);
         });
         let name = format!("render {}x{}", size[0], size[1]);
         rows.push(row(&name, "ms", 1e3, "one core, default look, with ground truth", times));
     }
-    let times = time(60, |i| {
+    let times = time(40, |i| {
         let Ok(variation) = SceneVariation::random(i as u64, [320, 240]) else { return };
         let Ok(worker) = Worker::new(variation.worker.clone()) else { return };
         Scene::varied(&variation).render(&worker.pose_at(variation.at));
     });
     rows.push(row("training picture 320x240", "ms", 1e3, "new room, body, look and camera each time", times));
     let worker = Worker::new(WorkerParams::default())?;
-    let times = time(20_000, |i| {
+    let times = time(5_000, |i| {
         std::hint::black_box(worker.pose_at(Duration::from_millis(i as u64)));
     });
     rows.push(row("worker pose", "us", 1e6, "all 18 joints", times));
@@ -55,7 +56,7 @@ fn main() -> Result<(), sim::Error> {
     let arm = || Arm::new(&kin::Robot::builtin(), ArmParams::new(home.to_vec()));
     let hold = home.map(|position_rad| Setpoint { position_rad, velocity_rad_s: 0.0 });
     let mut plant = arm()?;
-    let times = time(10_000, |_| {
+    let times = time(4_000, |_| {
         let _ = std::hint::black_box(plant.step(Duration::from_millis(1), &hold, Drive::Servo));
     });
     rows.push(row("plant substep", "us", 1e6, "built-in arm, 1 ms", times));
@@ -63,7 +64,7 @@ fn main() -> Result<(), sim::Error> {
     if let Ok(controller) = Controller::new(ControllerParams::standard(0, vec![limits; 6])) {
         let mut node = ControllerNode::new(controller, arm()?)?;
         let mut tx = Vec::new();
-        let times = time(10_000, |i| {
+        let times = time(4_000, |i| {
             tx.clear();
             let _ = std::hint::black_box(node.advance_to(Duration::from_millis(i as u64), &[], &mut tx));
         });
