@@ -99,17 +99,23 @@ mod tests {
             panic!("the built-in cell has one camera");
         };
         let worker = Worker::new(WorkerParams::default()).unwrap();
-        for (keypoint, height_m) in [
+        let planes = [
             (Keypoint::RightShoulder, shoulder_height_m),
             (Keypoint::RightElbow, elbow_height_m),
             (Keypoint::RightWrist, wrist_height_m),
-        ] {
+        ];
+        let measured = planes.map(|(keypoint, height_m)| {
             let heights: Vec<f64> =
                 (0..270).map(|i| worker.pose_at(Duration::from_millis(100 * i)).joint(keypoint).z).collect();
             let mean = heights.iter().sum::<f64>() / heights.len() as f64;
             let spread = (heights.iter().map(|z| (z - mean).powi(2)).sum::<f64>() / heights.len() as f64).sqrt();
-            assert!((mean - height_m).abs() < 0.01, "{keypoint:?}: mean height {mean:.3} m, configured {height_m} m");
-            assert!(spread < 2.0 * height_sigma_m, "{keypoint:?}: spread {spread:.3} m");
+            (mean, spread, height_m)
+        });
+        for (mean, spread, height_m) in measured {
+            assert!(
+                (mean - height_m).abs() < 0.01 && spread < 2.0 * height_sigma_m,
+                "mean, spread, configured: {measured:.3?}"
+            );
         }
     }
 }

@@ -91,7 +91,7 @@ fn a_calibration_that_is_none() {
     let calibration = write(dir.path(), "calib.toml", "[cam01]\nmatrix = 3\n");
     refused(
         &["follow", "run", "--input", text(&images), "--fps", "30", "--calibration", text(&calibration)],
-        &["calib.toml", "matrix", "expected"],
+        &["calib.toml", "cam01.size", "expected"],
     );
 }
 

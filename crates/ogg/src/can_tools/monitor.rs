@@ -173,7 +173,8 @@ mod tests {
         let frame =
             Protocol::new(0).unwrap().encode(&Counted { message: Message::Set { slot: 0, angles }, counter: 3 });
         let row = view.take(Duration::ZERO, &frame);
-        assert_eq!(row.text, "Joint1 0.50000 rad, Joint2 no value, Counter 3");
+        // The nearest step of 4 pi / 2^20 rad to 0.5 rad is 0.500006 rad.
+        assert_eq!(row.text, "Joint1 0.50001 rad, Joint2 no value, Counter 3");
         view.take(Duration::ZERO, &frame.with_flipped_bit(4));
         view.roll(0.5);
         let row = &view.rows[&0x100];
