@@ -34,8 +34,8 @@ impl Estimator {
     /// Loads a model and runs it once on an empty picture, so that a wrong shape is found here and not later.
     ///
     /// # Errors
-    /// What [`Model::read_weights`] returns, [`Error::BadNetwork`], [`Error::WrongShape`], [`Error::Provider`],
-    /// [`Error::Inference`], [`Error::NonFinite`].
+    /// What [`Model::read_weights`] returns, [`Error::BadNetwork`](crate::Error::BadNetwork), [`Error::WrongShape`](crate::Error::WrongShape), [`Error::Provider`](crate::Error::Provider),
+    /// [`Error::Inference`](crate::Error::Inference), [`Error::NonFinite`](crate::Error::NonFinite).
     pub fn load(model: &Model, runtime: &Runtime) -> Result<Self> {
         Self::with_region(model, runtime, model.card.region(), RegionOptions::default())
     }
@@ -43,7 +43,7 @@ impl Estimator {
     /// As [`Estimator::load`], with another choice of where to look than the card's.
     ///
     /// # Errors
-    /// As [`Estimator::load`], and [`Error::Parameter`].
+    /// As [`Estimator::load`], and [`Error::Parameter`](crate::Error::Parameter).
     pub fn with_region(model: &Model, runtime: &Runtime, region: Region, options: RegionOptions) -> Result<Self> {
         options.validate()?;
         let network = Network::load(model, runtime)?;
@@ -70,7 +70,7 @@ impl Estimator {
     /// The people in a picture, best first, in picture coordinates. Empty when nobody is there.
     ///
     /// # Errors
-    /// [`Error::Inference`], [`Error::NonFinite`], [`Error::WrongShape`].
+    /// [`Error::Inference`](crate::Error::Inference), [`Error::NonFinite`](crate::Error::NonFinite), [`Error::WrongShape`](crate::Error::WrongShape).
     pub fn estimate(&mut self, image: ImageView<'_>) -> Result<Vec<Person>> {
         self.fit_shape(image);
         let Some(mut tracker) = self.tracker.take() else {
