@@ -92,6 +92,11 @@ fn every_branch_reaches_the_pose_and_one_of_them_is_where_it_came_from() {
 
 #[test]
 fn wrist_and_shoulder_singularities_have_answers_too() {
+    let wild = arm()
+        .analytic()
+        .unwrap()
+        .all(&arm().fk(&[0.3, 1.0, -1.4, 0.2, std::f64::consts::FRAC_PI_2, 0.5]), &[f64::INFINITY; 6]);
+    assert!(wild.as_slice().iter().flatten().all(|value| value.is_finite()));
     // Joint 5 at a quarter turn points joint 6 along joint 4 on the built-in arm.
     let chain = arm();
     let quarter = std::f64::consts::FRAC_PI_2;

@@ -116,7 +116,7 @@ impl Analytic {
         }
         for branch in &mut branches.q[..branches.count] {
             for (value, sign) in branch.iter_mut().zip(&self.signs) {
-                *value = crate::wrap_rad(*value * sign);
+                *value = wrap_near(*value * sign);
             }
         }
         branches
@@ -129,15 +129,17 @@ impl Analytic {
         for branch in self.all(base_from_target, seed).as_slice() {
             let mut q = *branch;
             let mut largest = 0.0f64;
-            let mut allowed = true;
-            for joint in 0..6 {
-                match near(q[joint], seed[joint], self.lower[joint], self.upper[joint]) {
-                    Some(value) => q[joint] = value,
-                    None => allowed = false,
-                }
-                largest = largest.max((q[joint] - seed[joint]).abs());
-            }
-            if allowed && best.is_none_or(|(least, _)| largest < least) {
+            let least = best.map_or(f64::INFINITY, |(least, _)| least);
+            let allowed = (0..6).all(|joint| {
+                let Some(value) = near(q[joint], seed[joint], self.lower[joint], self.upper[joint]) else {
+                    return false;
+                };
+                q[joint] = value;
+                largest = largest.max((value - seed[joint]).abs());
+                // Farther than the best already: the other joints cannot mend it.
+                largest < least
+            });
+            if allowed {
                 best = Some((largest, q));
             }
         }
@@ -186,7 +188,7 @@ impl Analytic {
             }
         }
         // Wrist singularity: the first turn is free, the last one makes up for it.
-        let turn = free();
+        let turn = Some(crate::wrap_rad(free())).filter(|turn| turn.is_finite()).unwrap_or(0.0);
         let rest = r45.transpose() * axis_angle(axis, -turn) * target;
         let probe = subproblems::across(&self.h[5]);
         (turn, align(&self.h[5], &probe, &(rest * probe)).unwrap_or(0.0))
@@ -203,6 +205,18 @@ impl Analytic {
             found(q2, q3);
         }
     }
+}
+
+/// [`crate::wrap_rad`] for the sum of a few angles: additions instead of a division.
+fn wrap_near(mut angle: f64) -> f64 {
+    const TURN: f64 = std::f64::consts::TAU;
+    while angle > std::f64::consts::PI {
+        angle -= TURN;
+    }
+    while angle <= -std::f64::consts::PI {
+        angle += TURN;
+    }
+    angle
 }
 
 /// `value + 2 pi n` within the limits, as near to the seed as possible.

@@ -26,6 +26,9 @@ const STEPS_PER_ATTEMPT: u32 = 60;
 /// may follow.
 const STEPS_PER_MILESTONE: u32 = 6;
 
+/// Attempts after which none is abandoned any more.
+const ATTEMPTS_IN_HASTE: u32 = 30;
+
 /// Random poses looked at per restart.
 const LOOKS_PER_RESTART: u32 = 8;
 
@@ -138,6 +141,8 @@ fn solve_here<const N: usize>(
         let patience = match (first, options.restarts) {
             (true, 0) => f64::INFINITY,
             (true, _) => 0.0,
+            // After so many the target is likely out of reach, and what counts is the nearest pose.
+            (false, _) if report.attempts > ATTEMPTS_IN_HASTE => f64::INFINITY,
             (false, _) => best.cost,
         };
         let (point, end, ended) = problem.descend(start, patience, &mut report.iterations, go_on);
