@@ -1,7 +1,7 @@
 //! Reading a recording back.
 //!
 //! Reads from the front and needs no index, so a file whose writer was killed gives everything up to its last whole chunk. A chunk counts only if its
-//! checksum is right, and no length in the file is trusted above a limit.
+//! checksum is right and none is missing before it, and no length in the file is trusted above a limit.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -12,7 +12,7 @@ use std::time::Duration;
 use foxglove::messages::JointStates;
 use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use mcap::{McapError, parse_record};
+use mcap::parse_record;
 use prost::Message;
 
 use super::Error;
@@ -112,12 +112,12 @@ pub fn open(path: &Path) -> Result<Recording, Error> {
                 Ok(())
             }
             Ok(LinearReadEvent::Record { data, opcode }) => contents.take(opcode, data),
-            Err(error) => Err(error),
+            Err(error) => Err(error.to_string()),
         };
         match result {
             Ok(()) => {}
             Err(error) if !contents.started => {
-                return Err(Error::NotMcap { path: path.to_owned(), message: error.to_string() });
+                return Err(Error::NotMcap { path: path.to_owned(), message: error });
             }
             Err(error) => {
                 contents.recording.cut = Some(format!("before byte {offset}: {error}"));
@@ -137,15 +137,20 @@ struct Contents {
     schemas: BTreeMap<u16, String>,
     channels: BTreeMap<u16, Topic>,
     started: bool,
+    /// Each channel numbers its messages from 0 without a gap, as this project's writer does.
+    counted: bool,
 }
 
 impl Contents {
-    fn take(&mut self, opcode: u8, data: &[u8]) -> Result<(), McapError> {
+    fn take(&mut self, opcode: u8, data: &[u8]) -> Result<(), String> {
         if opcode == op::ATTACHMENT && !attachment_fits(data) {
-            return Err(McapError::UnexpectedEof);
+            return Err("an attachment whose lengths do not add up".to_owned());
         }
-        match parse_record(opcode, data)? {
-            Record::Header(_) => self.started = true,
+        match parse_record(opcode, data).map_err(|error| error.to_string())? {
+            Record::Header(header) => {
+                self.started = true;
+                self.counted = header.library.starts_with("ogg/");
+            }
             Record::Schema { header, .. } => {
                 self.schemas.insert(header.id, header.name);
             }
@@ -156,8 +161,15 @@ impl Contents {
             }
             Record::Message { header, data } => {
                 let Some(topic) = self.channels.get_mut(&header.channel_id) else {
-                    return Err(McapError::UnknownChannel(header.sequence, header.channel_id));
+                    return Err(format!("message {} of unknown channel {}", header.sequence, header.channel_id));
                 };
+                // A damaged opcode looks like a record of a later version, which readers pass over.
+                if self.counted && header.sequence != topic.messages as u32 {
+                    return Err(format!(
+                        "{}: message {} is missing, {} follows",
+                        topic.name, topic.messages, header.sequence
+                    ));
+                }
                 topic.messages += 1;
                 let time_ns = header.log_time;
                 let range = self.recording.time_range_ns.get_or_insert((time_ns, time_ns));
@@ -174,10 +186,8 @@ impl Contents {
         Ok(())
     }
 
-    fn message(&mut self, topic: &str, time_ns: u64, data: &[u8]) -> Result<(), McapError> {
-        let broken = |error: prost::DecodeError| {
-            McapError::Io(std::io::Error::new(std::io::ErrorKind::InvalidData, format!("{topic}: {error}")))
-        };
+    fn message(&mut self, topic: &str, time_ns: u64, data: &[u8]) -> Result<(), String> {
+        let broken = |error: prost::DecodeError| format!("{topic}: {error}");
         for stream in [JointStream::Measured, JointStream::Setpoint, JointStream::Target] {
             if topic == joint_topic(stream) {
                 let message = JointStates::decode(data).map_err(broken)?;

@@ -114,6 +114,18 @@ fn a_file_that_is_no_recording_is_refused() {
     assert!(message.starts_with("/nowhere/run.mcap: cannot read the recording"), "{message}");
 }
 
+#[test]
+fn a_chunk_that_damage_hides_ends_the_reading_before_it() {
+    let (mut bytes, sizes) = ZSTD.clone();
+    // The second chunk begins where the first flush ended; 0x10 is an opcode of no version yet.
+    assert_eq!(bytes[sizes[1]], op::CHUNK);
+    bytes[sizes[1]] = 0x10;
+    let recording = read(&bytes).unwrap();
+    assert_eq!(recording.setpoints.len(), 2 * PER_FLUSH);
+    let cut = recording.cut.unwrap();
+    assert!(cut.contains("/setpoints: message 80 is missing, 120 follows"), "{cut}");
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(300))]
 
