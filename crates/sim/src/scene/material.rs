@@ -160,9 +160,10 @@ impl Encoder {
     }
 
     pub(crate) fn encode(&self, light: V3) -> [u8; 3] {
-        [light.x, light.y, light.z].map(|l| {
-            let index = (l.clamp(0.0, Self::TOP) * (ENCODE_STEPS as f32 / Self::TOP)) as usize;
-            self.table[index.min(ENCODE_STEPS)]
-        })
+        let code = |l: f32| {
+            let index = (l.clamp(0.0, Self::TOP) * (ENCODE_STEPS as f32 / Self::TOP)) as i32;
+            self.table[(index as usize).min(ENCODE_STEPS)]
+        };
+        [code(light.x), code(light.y), code(light.z)]
     }
 }

@@ -31,7 +31,7 @@ use effects::Effects;
 use look::{Look, slot};
 use material::Encoder;
 use mesh::{Mesh, Part, V3, unit};
-use raster::{Buffer, Screen, weights};
+use raster::{Buffer, Screen, View, Window, weights};
 use shadow::{ShadowMap, openness};
 
 /// Grid on the bench on which the worker's soft shadow is computed: cells, lower corner and size in metres.
@@ -73,6 +73,10 @@ pub struct Scene {
     moving_shadow: ShadowMap,
     still_near: Vec<f32>,
     still: Vec<StillPixel>,
+    /// The furniture's colour where the worker takes no light away.
+    still_colour: Vec<[u8; 3]>,
+    /// Where the last worker was drawn.
+    drawn: Window,
     mesh: Mesh,
     corners: Vec<Screen>,
     buffer: Buffer,
@@ -133,6 +137,8 @@ impl Scene {
             encoder: Encoder::new(),
             still_near: Vec::new(),
             still: Vec::new(),
+            still_colour: Vec::new(),
+            drawn: Window { left: 0, top: 0, right: 2 * width, bottom: 2 * height },
             mesh: Mesh::default(),
             corners: Vec::new(),
             buffer: Buffer::new(2 * width, 2 * height),
@@ -170,14 +176,15 @@ impl Scene {
         self.moving_shadow.draw(&self.mesh);
         body::blockers(pose, &mut self.blockers);
         self.shade_openness();
-        self.buffer.near.copy_from_slice(&self.still_near);
-        self.buffer.owner.fill(0);
         project(&self.camera, &self.mesh, &mut self.corners);
-        self.buffer.draw(&self.mesh.triangles, &self.corners, true);
+        let window = Window::about(&self.corners, self.buffer.width, self.buffer.height);
+        self.buffer.restore(&self.still_near, window.join(self.drawn));
+        self.drawn = window;
+        self.buffer.draw(&self.mesh.triangles, &self.corners, View::Picture);
         self.resolve(picture);
         self.effects.apply(picture, self.frames);
         self.frames += 1;
-        truth::examine(&self.camera, pose, &self.buffer, &self.mesh.triangles)
+        truth::examine(&self.camera, pose, &self.buffer, self.drawn, &self.mesh.triangles)
     }
 
     fn draw_furniture(&mut self, seat: V3) {
@@ -186,10 +193,11 @@ impl Scene {
         self.still_shadow.draw(&mesh);
         self.buffer.clear();
         project(&self.camera, &mesh, &mut self.corners);
-        self.buffer.draw(&mesh.triangles, &self.corners, true);
+        self.buffer.draw(&mesh.triangles, &self.corners, View::Picture);
         let width = self.buffer.width / 2;
         let height = self.buffer.height / 2;
         self.still = (0..width * height).map(|i| self.still_pixel(&mesh, i % width, i / width)).collect();
+        self.still_colour = self.still.iter().map(|p| self.encoder.encode(p.soft + p.lamp)).collect();
         self.still_near.clone_from(&self.buffer.near);
     }
 
@@ -246,55 +254,72 @@ impl Scene {
         line(row) * (1.0 - fy) + line(row + 1) * fy
     }
 
-    /// Gives every pixel its colour. Samples of one part and material are shaded once.
+    /// Gives every pixel its colour.
     fn resolve(&self, picture: &mut RgbImage) {
-        let width = self.buffer.width / 2;
-        for (i, out) in picture.pixels_mut().enumerate() {
-            let (column, row) = (i % width, i / width);
-            let first = 2 * row * self.buffer.width + 2 * column;
-            let spots = [first, first + 1, first + self.buffer.width, first + self.buffer.width + 1];
-            let owners = spots.map(|s| self.buffer.owner[s]);
-            let still = || {
-                let p = &self.still[i];
-                let open = if p.bench[0] >= 0.0 { self.bench_openness(p.bench) } else { 1.0 };
-                p.soft * open + p.lamp * self.moving_shadow.lit(p.in_shadow_map)
-            };
-            let light = if owners == [0; 4] {
-                still()
-            } else {
-                let kind = |owner: u32| match owner {
-                    0 => (Part::Background, 0),
-                    n => {
-                        let t = &self.mesh.triangles[n as usize - 1];
-                        (t.part, t.material)
-                    }
-                };
-                let kinds = owners.map(kind);
-                let mut light = V3::zeros();
-                let mut done = [false; 4];
-                for k in 0..4 {
-                    if done[k] {
-                        continue;
-                    }
-                    let mut count = 0.0;
-                    for m in k..4 {
-                        if kinds[m] == kinds[k] {
-                            done[m] = true;
-                            count += 0.25;
-                        }
-                    }
-                    let colour = if owners[k] == 0 {
-                        still()
+        let across = self.buffer.width;
+        let pixels: &mut [u8] = picture;
+        let rows = pixels.chunks_exact_mut(3 * across / 2).zip(self.buffer.owner.chunks_exact(2 * across));
+        for (row, (line, owners)) in rows.enumerate() {
+            let (upper, lower) = owners.split_at(across);
+            let samples = upper.chunks_exact(2).zip(lower.chunks_exact(2));
+            for (column, (out, (u, l))) in line.chunks_exact_mut(3).zip(samples).enumerate() {
+                let pixel = row * across / 2 + column;
+                let colour = if u[0] | u[1] | l[0] | l[1] == 0 {
+                    let (p, open, lit) = self.still_light(pixel);
+                    // Less than half a code of 8 bits is lost at 0.996.
+                    if open > 0.996 && lit >= 1.0 {
+                        self.still_colour[pixel]
                     } else {
-                        let (x, y) = (2 * column + k % 2, 2 * row + k / 2);
-                        self.moving_colour(owners[k], x as f32, y as f32)
-                    };
-                    light += colour * count;
-                }
-                light
-            };
-            out.0 = self.encoder.encode(light);
+                        self.encoder.encode(p.soft * open + p.lamp * lit)
+                    }
+                } else {
+                    self.encoder.encode(self.mixed_light([u[0], u[1], l[0], l[1]], column, row))
+                };
+                out.copy_from_slice(&colour);
+            }
         }
+    }
+
+    /// A pixel of the furniture with its open share of the sky and of the lamp.
+    fn still_light(&self, pixel: usize) -> (&StillPixel, f32, f32) {
+        let p = &self.still[pixel];
+        let open = if p.bench[0] >= 0.0 { self.bench_openness(p.bench) } else { 1.0 };
+        (p, open, self.moving_shadow.lit(p.in_shadow_map))
+    }
+
+    /// Light of a pixel on which the worker is seen. Samples of one part and material are shaded once.
+    fn mixed_light(&self, owners: [u32; 4], column: usize, row: usize) -> V3 {
+        let kind = |owner: u32| match owner {
+            0 => (Part::Background, 0),
+            n => {
+                let t = &self.mesh.triangles[n as usize - 1];
+                (t.part, t.material)
+            }
+        };
+        let kinds = [kind(owners[0]), kind(owners[1]), kind(owners[2]), kind(owners[3])];
+        let mut light = V3::zeros();
+        let mut done = [false; 4];
+        for k in 0..4 {
+            if done[k] {
+                continue;
+            }
+            let mut share = 0.0;
+            for m in k..4 {
+                if kinds[m] == kinds[k] {
+                    done[m] = true;
+                    share += 0.25;
+                }
+            }
+            let colour = if owners[k] == 0 {
+                let (p, open, lit) = self.still_light(row * self.buffer.width / 2 + column);
+                p.soft * open + p.lamp * lit
+            } else {
+                let (x, y) = (2 * column + k % 2, 2 * row + k / 2);
+                self.moving_colour(owners[k], x as f32, y as f32)
+            };
+            light += colour * share;
+        }
+        light
     }
 
     fn moving_colour(&self, owner: u32, x: f32, y: f32) -> V3 {
@@ -308,8 +333,9 @@ impl Scene {
 
     fn surface(&self, mesh: &Mesh, owner: u32, x: f32, y: f32) -> Surface {
         let t = &mesh.triangles[owner as usize - 1];
-        let w = weights(t.corners.map(|c| self.corners[c as usize]), x, y);
-        let v = t.corners.map(|c| &mesh.vertices[c as usize]);
+        let [i, j, k] = [t.corners[0] as usize, t.corners[1] as usize, t.corners[2] as usize];
+        let w = weights([self.corners[i], self.corners[j], self.corners[k]], x, y);
+        let v = [&mesh.vertices[i], &mesh.vertices[j], &mesh.vertices[k]];
         let at = v[0].at * w[0] + v[1].at * w[1] + v[2].at * w[2];
         let mut normal = unit(v[0].normal * w[0] + v[1].normal * w[1] + v[2].normal * w[2]);
         let to_eye = unit(self.eye - at);

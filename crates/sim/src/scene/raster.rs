@@ -18,6 +18,61 @@ impl Screen {
     pub(crate) const NOWHERE: Self = Self { x: 0.0, y: 0.0, near: f32::NAN };
 }
 
+/// Which way round a triangle runs that faces the viewer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum View {
+    /// A picture: y points down, so faces run clockwise in mathematical orientation.
+    Picture,
+    /// A light's map: y points up.
+    Light,
+}
+
+impl View {
+    fn front(self) -> f32 {
+        match self {
+            Self::Picture => -1.0,
+            Self::Light => 1.0,
+        }
+    }
+}
+
+/// Columns and rows of samples; `right` and `bottom` are excluded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Window {
+    pub(crate) left: usize,
+    pub(crate) top: usize,
+    pub(crate) right: usize,
+    pub(crate) bottom: usize,
+}
+
+impl Window {
+    /// Smallest window of a buffer that holds all corners.
+    pub(crate) fn about(corners: &[Screen], width: usize, height: usize) -> Self {
+        let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
+        for c in corners.iter().filter(|c| c.near.is_finite()) {
+            low = [low[0].min(c.x), low[1].min(c.y)];
+            high = [high[0].max(c.x), high[1].max(c.y)];
+        }
+        let inside = |x: f32, most: usize| (x.max(0.0) as usize).min(most);
+        Self {
+            left: inside(low[0], width),
+            top: inside(low[1], height),
+            right: inside(high[0] + 2.0, width),
+            bottom: inside(high[1] + 2.0, height),
+        }
+    }
+
+    /// Smallest window that holds both.
+    pub(crate) fn join(self, other: Self) -> Self {
+        Self {
+            left: self.left.min(other.left),
+            top: self.top.min(other.top),
+            right: self.right.max(other.right),
+            bottom: self.bottom.max(other.bottom),
+        }
+    }
+}
+
 /// Nearness and triangle number per sample; number 0 is free for "nothing drawn here".
 #[derive(Debug, Clone)]
 pub(crate) struct Buffer {
@@ -37,14 +92,24 @@ impl Buffer {
         self.owner.fill(0);
     }
 
-    /// Draws all triangles; triangle `i` writes owner `i + 1`. With `cull`, one-sided triangles that face away
-    /// are left out (in a picture whose y axis points down, a face towards the viewer runs clockwise in
-    /// mathematical orientation, so its signed area is negative).
-    pub(crate) fn draw(&mut self, triangles: &[Triangle], corners: &[Screen], cull: bool) {
+    /// Sets a window back to the depths of `still` and no owner.
+    pub(crate) fn restore(&mut self, still: &[f32], window: Window) {
+        for row in window.top..window.bottom {
+            let line = row * self.width + window.left..row * self.width + window.right.max(window.left);
+            self.near[line.clone()].copy_from_slice(&still[line.clone()]);
+            self.owner[line].fill(0);
+        }
+    }
+
+    /// Draws all triangles; triangle `i` writes owner `i + 1`. One-sided triangles that face away are left out.
+    pub(crate) fn draw(&mut self, triangles: &[Triangle], corners: &[Screen], view: View) {
+        let front = view.front();
         for (i, t) in triangles.iter().enumerate() {
-            let [a, b, c] = t.corners.map(|k| corners[k as usize]);
+            let (a, b, c) =
+                (corners[t.corners[0] as usize], corners[t.corners[1] as usize], corners[t.corners[2] as usize]);
             let area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
-            if !(a.near + b.near + c.near).is_finite() || (cull && !t.two_sided && area >= 0.0) || area.abs() < 1e-6 {
+            let hidden = !t.two_sided && area * front <= 0.0;
+            if hidden || !(a.near + b.near + c.near).is_finite() || area.abs() < 1e-6 {
                 continue;
             }
             self.fill(a, b, c, area, i as u32 + 1);

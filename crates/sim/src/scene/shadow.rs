@@ -2,10 +2,13 @@
 
 use super::look::Light;
 use super::mesh::{Mesh, V3, unit};
-use super::raster::{Buffer, Screen};
+use super::raster::{Buffer, Screen, View};
 
 /// Depth margin, metres; below the texel size surfaces shade themselves, above 2 cm contact shadows detach.
 const BIAS_M: f32 = 0.010;
+
+/// Side of the blocks whose highest surface is kept, in texels.
+const BLOCK: usize = 8;
 
 /// A square parallel-light depth map about a centre.
 #[derive(Debug, Clone)]
@@ -17,6 +20,8 @@ pub(crate) struct ShadowMap {
     texels_per_m: f32,
     buffer: Buffer,
     corners: Vec<Screen>,
+    /// Highest surface of each block of texels and of the two texels beyond it.
+    highest: Vec<f32>,
 }
 
 impl ShadowMap {
@@ -32,6 +37,7 @@ impl ShadowMap {
             texels_per_m: texels as f32 / (2.0 * half_m),
             buffer: Buffer::new(texels, texels),
             corners: Vec::new(),
+            highest: vec![f32::NEG_INFINITY; (texels / BLOCK + 1) * (texels / BLOCK + 1)],
         }
     }
 
@@ -43,8 +49,29 @@ impl ShadowMap {
             let p = self.place(v.at);
             Screen { x: p.x, y: p.y, near: p.z }
         }));
-        self.buffer.draw(&mesh.triangles, &corners, false);
+        self.buffer.draw(&mesh.triangles, &corners, View::Light);
         self.corners = corners;
+        self.summarise();
+    }
+
+    /// Finds the highest surface of every block, so that most lookups end at once.
+    fn summarise(&mut self) {
+        let side = self.buffer.width;
+        let blocks = side / BLOCK + 1;
+        self.highest.fill(f32::NEG_INFINITY);
+        for (row, line) in self.buffer.near.chunks_exact(side).enumerate() {
+            let above = row.saturating_sub(2) / BLOCK..=row / BLOCK;
+            for (column, &near) in line.iter().enumerate() {
+                if near > f32::NEG_INFINITY {
+                    for y in above.clone() {
+                        for x in column.saturating_sub(2) / BLOCK..=column / BLOCK {
+                            let slot = &mut self.highest[y * blocks + x];
+                            *slot = slot.max(near);
+                        }
+                    }
+                }
+            }
+        }
     }
 
     /// Map coordinates of a point: texel column and row, and height along the light (metres).
@@ -68,6 +95,9 @@ impl ShadowMap {
         let (column, row) = (x as usize, y as usize);
         let (fx, fy) = (x - column as f32, y - row as f32);
         let limit = p.z + BIAS_M;
+        if self.highest[row / BLOCK * (width / BLOCK + 1) + column / BLOCK] <= limit {
+            return 1.0;
+        }
         let mut sum = 0.0;
         for (k, wy) in [(0, 1.0 - fy), (1, 1.0), (2, fy)] {
             let start = (row + k) * width + column;

@@ -4,7 +4,7 @@ use kin::Camera;
 use nalgebra::{Point2, Point3};
 
 use super::mesh::{Part, Triangle};
-use super::raster::Buffer;
+use super::raster::{Buffer, Window};
 use crate::worker::{KEYPOINT_COUNT, Keypoint, WorkerPose};
 
 /// Whether a keypoint can be seen.
@@ -79,7 +79,13 @@ fn own_parts(keypoint: Keypoint) -> ([Part; 3], f64) {
 }
 
 /// Compares every joint with the surface drawn at its pixel.
-pub(super) fn examine(camera: &Camera, pose: &WorkerPose, buffer: &Buffer, triangles: &[Triangle]) -> GroundTruth {
+pub(super) fn examine(
+    camera: &Camera,
+    pose: &WorkerPose,
+    buffer: &Buffer,
+    drawn: Window,
+    triangles: &[Triangle],
+) -> GroundTruth {
     let girth = pose.body.girth.max(1.0);
     let mut points_px = [None; KEYPOINT_COUNT];
     let mut visibility = [Visibility::OutOfView; KEYPOINT_COUNT];
@@ -115,16 +121,18 @@ pub(super) fn examine(camera: &Camera, pose: &WorkerPose, buffer: &Buffer, trian
     if *neck != Visibility::OutOfView {
         *neck = if both { Visibility::Visible } else { Visibility::Occluded };
     }
-    let (box_px, area_px) = outline(buffer, triangles);
+    let (box_px, area_px) = outline(buffer, drawn, triangles);
     GroundTruth { points_m: pose.joints_m, points_px, visibility, box_px, area_px }
 }
 
-fn outline(buffer: &Buffer, triangles: &[Triangle]) -> (Option<[f64; 4]>, f64) {
+fn outline(buffer: &Buffer, drawn: Window, triangles: &[Triangle]) -> (Option<[f64; 4]>, f64) {
     let (mut left, mut right, mut top, mut bottom) = (usize::MAX, 0, usize::MAX, 0);
     let mut samples = 0_u32;
-    for (row, owners) in buffer.owner.chunks_exact(buffer.width).enumerate() {
+    for row in drawn.top..drawn.bottom {
+        let start = row * buffer.width;
+        let owners = &buffer.owner[start + drawn.left..start + drawn.right.max(drawn.left)];
         let mut found = false;
-        for (column, &owner) in owners.iter().enumerate() {
+        for (column, &owner) in (drawn.left..).zip(owners) {
             if owner > 0 && triangles[owner as usize - 1].part.is_body() {
                 left = left.min(column);
                 right = right.max(column);
