@@ -9,6 +9,9 @@ use crate::{
     runtime::{Runtime, RuntimeInfo},
 };
 
+#[cfg(doc)]
+use crate::Error;
+
 mod region;
 
 pub use region::RegionOptions;

@@ -90,8 +90,8 @@ pub struct Preprocessor {
     height: usize,
     layout: Layout,
     pad: u8,
-    /// Channel of the picture for each channel of the tensor.
-    channel: [usize; 3],
+    /// Blue comes first in the tensor.
+    reversed: bool,
     gain: [f32; 3],
     offset: [f32; 3],
     data: TensorData,
@@ -103,16 +103,12 @@ pub struct Preprocessor {
 impl Preprocessor {
     /// For the tensor that a card describes.
     pub fn new(input: &InputSpec) -> Self {
-        let channel = match input.colour {
-            ColourOrder::Rgb => [0, 1, 2],
-            ColourOrder::Bgr => [2, 1, 0],
-        };
         let mut new = Self {
             width: 0,
             height: 0,
             layout: input.layout,
             pad: input.pad,
-            channel,
+            reversed: input.colour == ColourOrder::Bgr,
             gain: input.scale.map(|s| s / SUM_ONE),
             offset: [0, 1, 2].map(|c| -input.mean[c] * input.scale[c]),
             data: match input.dtype {
@@ -168,23 +164,21 @@ impl Preprocessor {
         self.columns.compute(map.left_px, map.scale, self.width, image.width());
         self.rows.compute(map.top_px, map.scale, self.height, image.height());
         let (first, end) = self.columns.range();
-        let used = (end - first) * 3;
-        self.row_sum.resize(used, 0);
-        let geometry = Geometry {
-            layout: self.layout,
-            width: self.width,
-            plane: self.width * self.height,
-            channel: self.channel,
-            gain: self.gain,
-            offset: self.offset,
-        };
-        for y in 0..self.height {
-            sum_rows(image, &self.rows, y, first, self.pad, &mut self.row_sum);
-            let line = Line { columns: &self.columns, first, sums: &self.row_sum, pad: self.pad };
-            match &mut self.data {
-                TensorData::F32(v) => geometry.write_row(&line, y, v, |x| x),
-                TensorData::I32(v) => geometry.write_row(&line, y, v, |x| x.round() as i32),
-                TensorData::U8(v) => geometry.write_row(&line, y, v, |x| x.round() as u8),
+        // One element more than is summed, because the horizontal pass reads four at a time.
+        self.row_sum.resize((end - first) * 3 + 1, 0);
+        let Self { width, height, layout, pad, reversed, gain, offset, columns, rows, row_sum, data, .. } = self;
+        let norm = Normalise { reversed: *reversed, gain: *gain, offset: *offset };
+        for y in 0..*height {
+            let is_padding = end == first || rows.of(y).1.is_empty();
+            if !is_padding {
+                let used = row_sum.len() - 1;
+                sum_rows(image, rows, y, first, *pad, &mut row_sum[..used]);
+            }
+            let line = Line { columns, first, sums: row_sum, pad: *pad, is_padding, norm: &norm };
+            match data {
+                TensorData::F32(v) => line.write(out_row(v, *layout, *width, *height, y), |x| x),
+                TensorData::I32(v) => line.write(out_row(v, *layout, *width, *height, y), |x| x.round() as i32),
+                TensorData::U8(v) => line.write(out_row(v, *layout, *width, *height, y), |x| x.round() as u8),
             }
         }
         &self.data
@@ -263,13 +257,55 @@ impl Taps {
 /// Vertical pass: the weighted sum of the picture rows of tensor row `y`, times [`ONE`].
 fn sum_rows(image: ImageView<'_>, rows: &Taps, y: usize, first: usize, pad: u8, sums: &mut [u16]) {
     let (start, weights, outside) = rows.of(y);
-    sums.fill(u16::from(pad).wrapping_mul(outside));
+    let base = u16::from(pad).wrapping_mul(outside);
     for (k, &weight) in weights.iter().enumerate() {
         let row = &image.row(start + k)[first * 3..][..sums.len()];
         // The sum stays below 2^16 because the weights sum to 256; wrapping arithmetic only spares the check.
-        for (sum, &pixel) in sums.iter_mut().zip(row) {
-            *sum = sum.wrapping_add(u16::from(pixel).wrapping_mul(weight));
+        if k == 0 {
+            for (sum, &pixel) in sums.iter_mut().zip(row) {
+                *sum = base.wrapping_add(u16::from(pixel).wrapping_mul(weight));
+            }
+        } else {
+            for (sum, &pixel) in sums.iter_mut().zip(row) {
+                *sum = sum.wrapping_add(u16::from(pixel).wrapping_mul(weight));
+            }
         }
+    }
+}
+
+/// One row of the tensor, in either memory order.
+enum OutRow<'a, T> {
+    Interleaved(&'a mut [T]),
+    Planes([&'a mut [T]; 3]),
+}
+
+fn out_row<T>(data: &mut [T], layout: Layout, width: usize, height: usize, y: usize) -> OutRow<'_, T> {
+    match layout {
+        Layout::Nhwc => OutRow::Interleaved(&mut data[y * width * 3..(y + 1) * width * 3]),
+        Layout::Nchw => {
+            let (a, rest) = data.split_at_mut(width * height);
+            let (b, c) = rest.split_at_mut(width * height);
+            OutRow::Planes([a, b, c].map(|plane| &mut plane[y * width..(y + 1) * width]))
+        }
+    }
+}
+
+/// From sums over pixels to the numbers that the network eats.
+struct Normalise {
+    reversed: bool,
+    gain: [f32; 3],
+    offset: [f32; 3],
+}
+
+impl Normalise {
+    fn apply(&self, sum: [u32; 4]) -> [f32; 3] {
+        let [a, b, c, _] = sum;
+        let [a, b, c] = if self.reversed { [c, b, a] } else { [a, b, c] };
+        [
+            a as f32 * self.gain[0] + self.offset[0],
+            b as f32 * self.gain[1] + self.offset[1],
+            c as f32 * self.gain[2] + self.offset[2],
+        ]
     }
 }
 
@@ -278,40 +314,58 @@ struct Line<'a> {
     first: usize,
     sums: &'a [u16],
     pad: u8,
+    is_padding: bool,
+    norm: &'a Normalise,
 }
 
-struct Geometry {
-    layout: Layout,
-    width: usize,
-    plane: usize,
-    channel: [usize; 3],
-    gain: [f32; 3],
-    offset: [f32; 3],
-}
-
-impl Geometry {
-    /// Horizontal pass and normalisation of one tensor row.
-    fn write_row<T>(&self, line: &Line<'_>, y: usize, out: &mut [T], convert: impl Fn(f32) -> T) {
-        for x in 0..self.width {
-            let (start, weights, outside) = line.columns.of(x);
-            let base = u32::from(line.pad) * u32::from(outside) * u32::from(ONE);
-            let mut sum = [base; 3];
-            if !weights.is_empty() {
-                let pixels = &line.sums[(start - line.first) * 3..][..weights.len() * 3];
-                for (pixel, &weight) in pixels.chunks_exact(3).zip(weights) {
-                    for c in 0..3 {
-                        sum[c] = sum[c].wrapping_add(u32::from(pixel[c]).wrapping_mul(u32::from(weight)));
+impl Line<'_> {
+    /// Horizontal pass and normalisation.
+    fn write<T>(&self, out: OutRow<'_, T>, convert: impl Fn(f32) -> T) {
+        match out {
+            OutRow::Interleaved(row) => {
+                let mut pixels = row.chunks_exact_mut(3);
+                self.each(|value| {
+                    if let Some([a, b, c]) = pixels.next() {
+                        [*a, *b, *c] = value.map(&convert);
                     }
+                });
+            }
+            OutRow::Planes([a, b, c]) => {
+                let mut pixels = a.iter_mut().zip(b).zip(c);
+                self.each(|value| {
+                    if let Some(((a, b), c)) = pixels.next() {
+                        [*a, *b, *c] = value.map(&convert);
+                    }
+                });
+            }
+        }
+    }
+
+    /// Every pixel of the row, in order.
+    fn each(&self, mut visit: impl FnMut([f32; 3])) {
+        let one = u32::from(ONE);
+        if self.is_padding {
+            let value = self.norm.apply([u32::from(self.pad) * one * one; 4]);
+            (0..self.columns.start.len()).for_each(|_| visit(value));
+            return;
+        }
+        let mut begin = 0;
+        for ((&start, &end), &outside) in self.columns.start.iter().zip(&self.columns.end).zip(&self.columns.outside) {
+            let weights = &self.columns.weight[begin..end];
+            begin = end;
+            let mut sum = [u32::from(self.pad) * u32::from(outside) * one; 4];
+            if !weights.is_empty() {
+                let mut rest = &self.sums[(start - self.first) * 3..];
+                for &weight in weights {
+                    // Red, green, blue and whatever is next: four lanes, of which the last is dropped.
+                    let Some((pixel, _)) = rest.split_first_chunk::<4>() else { break };
+                    for lane in 0..4 {
+                        sum[lane] = sum[lane].wrapping_add(u32::from(pixel[lane]).wrapping_mul(u32::from(weight)));
+                    }
+                    rest = &rest[3..];
                 }
             }
-            for c in 0..3 {
-                let value = sum[self.channel[c]] as f32 * self.gain[c] + self.offset[c];
-                let index = match self.layout {
-                    Layout::Nhwc => (y * self.width + x) * 3 + c,
-                    Layout::Nchw => c * self.plane + y * self.width + x,
-                };
-                out[index] = convert(value);
-            }
+            visit(self.norm.apply(sum));
         }
     }
 }

@@ -205,12 +205,13 @@ pub(super) fn fuse_parts(own: &mut [f32], mask: &mut [f32], teacher: &[f32], cel
     for ((own, mask), teacher) in
         parts.chunks_exact_mut(cells).zip(part_mask.chunks_exact_mut(cells)).zip(teacher.chunks_exact(cells))
     {
-        for cell in 0..cells {
-            own[cell] = own[cell].max(teacher[cell].clamp(0.0, 1.0));
-            if teacher[cell] >= floor {
-                mask[cell] = 1.0;
-                background_mask[cell] = 1.0;
-            }
+        for (((own, mask), background_mask), teacher) in
+            own.iter_mut().zip(mask).zip(background_mask.iter_mut()).zip(teacher)
+        {
+            *own = own.max(teacher.clamp(0.0, 1.0));
+            let answered = f32::from(u8::from(*teacher >= floor));
+            *mask = mask.max(answered);
+            *background_mask = background_mask.max(answered);
         }
     }
     background_of(parts, background, cells);
@@ -220,16 +221,17 @@ pub(super) fn fuse_field(own: &mut [f32], mask: &mut [f32], teacher: &[f32], cel
     let (ox, oy) = own.split_at_mut(cells);
     let (mx, my) = mask.split_at_mut(cells);
     let (tx, ty) = teacher.split_at(cells);
-    for cell in 0..cells {
-        let norm = |x: f32, y: f32| (x * x + y * y).sqrt();
-        let theirs = norm(tx[cell], ty[cell]);
-        if norm(ox[cell], oy[cell]) <= theirs {
-            ox[cell] = tx[cell];
-            oy[cell] = ty[cell];
-        }
-        if theirs >= floor {
-            mx[cell] = 1.0;
-            my[cell] = 1.0;
-        }
+    let floor2 = floor * floor;
+    let own = ox.iter_mut().zip(oy);
+    let masks = mx.iter_mut().zip(my);
+    for (((ox, oy), (mx, my)), (tx, ty)) in own.zip(masks).zip(tx.iter().zip(ty)) {
+        // Squares order as norms do.
+        let (ours, theirs) = (*ox * *ox + *oy * *oy, tx * tx + ty * ty);
+        let take = ours <= theirs;
+        *ox = if take { *tx } else { *ox };
+        *oy = if take { *ty } else { *oy };
+        let answered = f32::from(u8::from(theirs >= floor2));
+        *mx = mx.max(answered);
+        *my = my.max(answered);
     }
 }
