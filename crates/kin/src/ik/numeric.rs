@@ -267,7 +267,7 @@ impl Problem<'_> {
         let limits = self.chain.limits();
         let weights = [1.0, 1.0, 1.0, self.rho * self.rho, self.rho * self.rho, self.rho * self.rho];
         let mut point = start;
-        let mut lambda = 1e-3;
+        let mut lambda = 1e-4;
         let mut growth = 2.0;
         // Far from the target the curvature of the motion itself matters more than H knows.
         let mut curved = false;
