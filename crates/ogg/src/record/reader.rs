@@ -10,9 +10,9 @@ use std::path::Path;
 use std::time::Duration;
 
 use foxglove::messages::JointStates;
+use mcap::parse_record;
 use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use mcap::parse_record;
 use prost::Message;
 
 use super::Error;
