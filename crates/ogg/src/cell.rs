@@ -69,7 +69,12 @@ impl Cell {
                 chain.joint_names().join(", ")
             )));
         }
-        let lift = lift(&config)?;
+        let lift = lift(&config).or_else(|error| {
+            // A file that cannot be read at all is the better news to start with.
+            sources(&config, Some(Duration::ZERO), None)?;
+            network(&config)?;
+            Err(error)
+        })?;
         let [x, y, z] = config.robot.base_in_world_m;
         let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), config.robot.base_yaw_deg.to_radians());
         let world_from_base = Isometry3::from_parts(Translation3::new(x, y, z), turn);
@@ -81,10 +86,7 @@ impl Cell {
     /// # Errors
     /// [`Error::Pose`], with the file, what it holds and what was expected.
     pub fn vision(&self) -> Result<Vision, Error> {
-        let pose = &self.config.pose;
-        let mut folders: Vec<PathBuf> = pose.weights_dir.iter().cloned().collect();
-        folders.extend(std::env::var_os(WEIGHTS_VARIABLE).map(PathBuf::from));
-        let model = Model::find(Path::new(&pose.card), &folders)?;
+        let model = network(&self.config)?;
         let side = match self.config.worker.side {
             config::Side::Left => pose::Side::Left,
             config::Side::Right => pose::Side::Right,
@@ -124,31 +126,7 @@ impl Cell {
     /// # Errors
     /// [`Error::Capture`] with the file, the place and what was expected.
     pub fn pictures(&self, length: Option<Duration>, epoch: Option<Instant>) -> Result<MultiView, Error> {
-        let open = |paths: &[PathBuf], fps: Option<f64>, size_px: Option<[u32; 2]>| {
-            paths
-                .iter()
-                .enumerate()
-                .map(|(camera, path)| {
-                    let mut options = OpenOptions::default();
-                    options.camera = camera;
-                    options.image_rate_hz = fps;
-                    options.epoch = epoch;
-                    options.ffmpeg.clone_from(&self.config.ffmpeg);
-                    if let (Some([width, height]), Some(rate_hz)) = (size_px, fps) {
-                        options.request = CameraRequest { size: Some((width, height)), rate_hz: Some(rate_hz) };
-                    }
-                    capture::open(path, &options)
-                })
-                .collect::<Result<Vec<_>, _>>()
-        };
-        let sources = match &self.config.source {
-            Source::Worker { action, seed, fps, size_px } => {
-                vec![Box::new(WorkerSource::new(*action, *seed, *fps, *size_px, length)?) as Box<dyn capture::Source>]
-            }
-            Source::Video { files, .. } => open(files, None, None)?,
-            Source::Images { folders, fps } => open(folders, Some(*fps), None)?,
-            Source::V4l2 { devices, size_px, fps } => open(devices, Some(*fps), Some(*size_px))?,
-        };
+        let sources = sources(&self.config, length, epoch)?;
         for (source, camera) in sources.iter().zip(self.lift.cameras()) {
             let info = source.info();
             let [width, height] = camera.size_px;
@@ -285,6 +263,46 @@ fn ms(value: u32) -> Duration {
     Duration::from_millis(u64::from(value))
 }
 
+/// Opens the files, folders or devices that the configuration names.
+fn sources(
+    config: &Config,
+    length: Option<Duration>,
+    epoch: Option<Instant>,
+) -> Result<Vec<Box<dyn capture::Source>>, Error> {
+    let open = |paths: &[PathBuf], fps: Option<f64>, size_px: Option<[u32; 2]>| {
+        paths
+            .iter()
+            .enumerate()
+            .map(|(camera, path)| {
+                let mut options = OpenOptions::default();
+                options.camera = camera;
+                options.image_rate_hz = fps;
+                options.epoch = epoch;
+                options.ffmpeg.clone_from(&config.ffmpeg);
+                if let (Some([width, height]), Some(rate_hz)) = (size_px, fps) {
+                    options.request = CameraRequest { size: Some((width, height)), rate_hz: Some(rate_hz) };
+                }
+                capture::open(path, &options)
+            })
+            .collect::<Result<Vec<_>, _>>()
+    };
+    Ok(match &config.source {
+        Source::Worker { action, seed, fps, size_px } => {
+            vec![Box::new(WorkerSource::new(*action, *seed, *fps, *size_px, length)?) as Box<dyn capture::Source>]
+        }
+        Source::Video { files, .. } => open(files, None, None)?,
+        Source::Images { folders, fps } => open(folders, Some(*fps), None)?,
+        Source::V4l2 { devices, size_px, fps } => open(devices, Some(*fps), Some(*size_px))?,
+    })
+}
+
+/// Finds card and weights of the network.
+fn network(config: &Config) -> Result<Model, Error> {
+    let mut folders: Vec<PathBuf> = config.pose.weights_dir.iter().cloned().collect();
+    folders.extend(std::env::var_os(WEIGHTS_VARIABLE).map(PathBuf::from));
+    Ok(Model::find(Path::new(&config.pose.card), &folders)?)
+}
+
 /// Reads the calibration and pairs it with the views.
 fn lift(config: &Config) -> Result<Lift, Error> {
     match &config.lift {
@@ -293,7 +311,12 @@ fn lift(config: &Config) -> Result<Lift, Error> {
             let camera = match (calibration, &config.source) {
                 (None, Source::Worker { size_px, .. }) => sim::default_camera(*size_px)?,
                 (Some(path), _) => one_camera(path)?,
-                (None, _) => return Err(Error::Usage("lift.calibration: a camera calibration file is needed".into())),
+                (None, _) => {
+                    return Err(Error::Usage(
+                        "lift.calibration: a camera calibration file is needed for this source (--calibration FILE)"
+                            .into(),
+                    ));
+                }
             };
             let planes = [plane(shoulder_height_m), plane(elbow_height_m), plane(wrist_height_m)];
             Ok(Lift::Planes { camera: Box::new(camera), planes })

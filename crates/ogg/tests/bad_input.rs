@@ -73,6 +73,17 @@ fn a_file_that_is_no_video() {
     let video = write(dir.path(), "cam.mp4", b"not a video at all");
     let calibration = write(dir.path(), "calib.toml", CALIBRATION);
     refused(&["follow", "run", "--input", text(&video), "--calibration", text(&calibration)], &["cam.mp4", "expected"]);
+    // What is wrong with the file comes before what else the source needs.
+    refused(&["follow", "run", "--input", text(&video)], &["cam.mp4", "expected"]);
+}
+
+#[test]
+fn a_video_without_a_calibration() {
+    let dir = tempfile::tempdir().unwrap();
+    let images = dir.path().join("images");
+    std::fs::create_dir(&images).unwrap();
+    image::RgbImage::new(64, 64).save(images.join("0001.png")).unwrap();
+    refused(&["follow", "run", "--input", text(&images), "--fps", "30"], &["lift.calibration", "--calibration FILE"]);
 }
 
 #[test]

@@ -48,18 +48,11 @@ impl Config {
     }
 
     fn check_lift(&self) -> Result<(), String> {
-        if let Lift::Planes { calibration, shoulder_height_m, elbow_height_m, wrist_height_m, height_sigma_m } =
-            &self.lift
-        {
+        if let Lift::Planes { shoulder_height_m, elbow_height_m, wrist_height_m, height_sigma_m, .. } = &self.lift {
             within("lift.shoulder_height_m", *shoulder_height_m, -2.0, 3.0)?;
             within("lift.elbow_height_m", *elbow_height_m, -2.0, 3.0)?;
             within("lift.wrist_height_m", *wrist_height_m, -2.0, 3.0)?;
             within("lift.height_sigma_m", *height_sigma_m, 1e-4, 1.0)?;
-            if calibration.is_none() && !matches!(self.source, Source::Worker { .. }) {
-                return Err(
-                    "lift.calibration: a camera calibration file is needed for this source (--calibration FILE)".into(),
-                );
-            }
         }
         Ok(())
     }
