@@ -182,7 +182,7 @@ impl Cell {
         ControlParams {
             tracker: TrackerParams {
                 limits: self.limits(),
-                bandwidth_rad_s: 30.0,
+                bandwidth_rad_s: 40.0,
                 synchronisation: Synchronisation::None,
                 acceleration: AccelerationSource::Estimated,
                 age: AgePolicy { coast: soft, fade: (hard - soft).max(ms(50)) },
