@@ -43,6 +43,36 @@ fn first_sets_equal_the_measured_angles() {
 }
 
 #[test]
+fn a_first_set_away_from_the_measured_angles_does_not_enable() {
+    let mut rig = Rig::new(6);
+    rig.until(HostState::Ready, Command::Standby);
+    for _ in 0..100 {
+        rig.step(Command::Follow { position_rad: &[0.25; 6], speed_scale: 1.0 }, &mut |rx: &mut Vec<Event>| {
+            forge(rx, |message| {
+                if let Message::Set { slot: 1, angles } = message {
+                    angles[0] = Angle::from_rad(0.30).unwrap();
+                }
+            });
+        });
+        assert!(!rig.controller_state().is_enabled());
+    }
+    assert_eq!(rig.controller_out.as_ref().unwrap().cause, Some(StopCause::NotAtMeasured));
+}
+
+#[test]
+fn an_arm_outside_its_limits_is_not_enabled() {
+    let mut rig = Rig::new(6);
+    rig.joints[3].position_rad = LIMITS.max_rad + 0.01;
+    rig.until(HostState::Ready, Command::Standby);
+    let here = rig.positions();
+    for _ in 0..100 {
+        rig.step(Command::Follow { position_rad: &here, speed_scale: 1.0 }, &mut |_| {});
+        assert!(!rig.controller_state().is_enabled());
+    }
+    assert_eq!(rig.controller_out.as_ref().unwrap().cause, Some(StopCause::OutsideLimits));
+}
+
+#[test]
 fn a_command_that_steps_too_far_stops_before_it_is_sent() {
     let mut rig = Rig::new(6);
     rig.activate();
@@ -94,6 +124,47 @@ fn a_latched_stop_ends_only_by_reset() {
     rig.until(HostState::Ready, Command::Standby);
     assert_eq!(rig.controller_state(), ControllerState::Ready);
     rig.activate();
+}
+
+#[test]
+fn calm_sets_alone_do_not_end_a_latched_stop() {
+    let mut rig = Rig::new(6);
+    rig.activate();
+    rig.host_alive = false;
+    rig.run(200 * MS, Command::Standby);
+    rig.host_alive = true;
+    let mut seen = std::collections::BTreeSet::new();
+    for (reset, state) in [(false, ControllerState::Latched), (true, ControllerState::Unconfigured)] {
+        for _ in 0..500 {
+            rig.step(Command::Standby, &mut |rx: &mut Vec<Event>| {
+                forge(rx, |message| {
+                    if let Message::Commit(commit) = message {
+                        (commit.quick_stop, commit.enable, commit.reset) = (false, false, reset);
+                    }
+                });
+            });
+            seen.insert(format!("{:?}", rig.controller_state()));
+        }
+        assert_eq!(rig.controller_state(), state, "{seen:?}");
+    }
+}
+
+#[test]
+fn a_reset_waits_until_the_arm_is_at_rest() {
+    let mut rig = Rig::new(6);
+    rig.activate();
+    rig.swing(750 * MS, 0.3, 2.0);
+    assert!(rig.joints[0].velocity_rad_s > 0.5, "{:?}", rig.joints[0]);
+    rig.run(5 * MS, Command::Stop(StopCause::OperatorStop));
+    rig.host.reset().unwrap();
+    let mut speed_rad_s = rig.joints[0].velocity_rad_s;
+    for _ in 0..1000 {
+        rig.step(Command::Standby, &mut |_| {});
+        let change = (rig.joints[0].velocity_rad_s - speed_rad_s).abs();
+        assert!(change <= LIMITS.acceleration_rad_s2 * 1e-3 + 1e-9, "{change} rad/s in a millisecond");
+        speed_rad_s = rig.joints[0].velocity_rad_s;
+    }
+    assert_eq!(rig.controller_state(), ControllerState::Ready);
 }
 
 #[test]
