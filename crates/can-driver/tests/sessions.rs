@@ -8,8 +8,8 @@ mod common;
 use std::time::Duration;
 
 use can_driver::{
-    Angle, Command, ControllerState, Drive, Event, HostParams, HostState, JointLimits, JointState, Message, Protocol,
-    SetCounts, StopCause,
+    Angle, Command, ControllerState, Drive, Event, HostParams, HostState, JointLimits, JointState, Message, Mode,
+    Protocol, SetCounts, StopCause,
 };
 use common::{LIMITS, Rig};
 
@@ -57,6 +57,22 @@ fn a_first_set_away_from_the_measured_angles_does_not_enable() {
         assert!(!rig.controller_state().is_enabled());
     }
     assert_eq!(rig.controller_out.as_ref().unwrap().cause, Some(StopCause::NotAtMeasured));
+}
+
+#[test]
+fn an_enable_that_was_never_low_does_not_enable() {
+    let mut rig = Rig::new(6);
+    for _ in 0..1000 {
+        rig.step(Command::Standby, &mut |rx: &mut Vec<Event>| {
+            forge(rx, |message| {
+                if let Message::Commit(commit) = message {
+                    (commit.enable, commit.mode) = (true, Mode::Position);
+                }
+            });
+        });
+        assert!(!rig.controller_state().is_enabled());
+    }
+    assert_eq!(rig.controller_state(), ControllerState::Ready);
 }
 
 #[test]
