@@ -1,5 +1,7 @@
 //! `cargo xtask bench AREA`: one way to measure. Runs the area's benchmark, its peers in Python where there are any, joins
 //! their rows by name, and adds what the machine is.
+//!
+//! What follows `--` goes to the benchmark program, such as `-- --full` for the published counts.
 
 use std::path::Path;
 use std::process::Command;
@@ -38,6 +40,14 @@ struct Row {
     /// Peer over ours.
     #[serde(default)]
     ratio: Option<f64>,
+    /// Median processor time of ours, in the row's unit: what a busy machine does not lengthen.
+    #[serde(default)]
+    ours_processor: Option<f64>,
+    #[serde(default)]
+    peer_processor: Option<f64>,
+    /// Processor time of the peer over ours.
+    #[serde(default)]
+    ratio_processor: Option<f64>,
     #[serde(default)]
     p50: Option<f64>,
     #[serde(default)]
@@ -50,6 +60,8 @@ struct Row {
     n: Option<u64>,
     #[serde(default)]
     note: Option<String>,
+    #[serde(default)]
+    peer_note: Option<String>,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -72,19 +84,22 @@ struct Machine {
     load_after: String,
 }
 
-/// `bench AREA [--json FILE]`.
+/// `bench AREA [--json FILE] [-- ARGUMENTS]`.
 pub(crate) fn run(arguments: &[String]) -> Result<()> {
-    let (area, json) = match arguments {
+    let split = arguments.iter().position(|a| a == "--").unwrap_or(arguments.len());
+    let (own, passed) = (&arguments[..split], arguments.get(split + 1..).unwrap_or_default());
+    let (area, json) = match own {
         [area] => (area.as_str(), None),
         [area, flag, file] if flag == "--json" => (area.as_str(), Some(file)),
-        _ => bail!("usage: cargo xtask bench AREA [--json FILE]"),
+        _ => bail!("usage: cargo xtask bench AREA [--json FILE] [-- ARGUMENTS OF THE BENCHMARK]"),
     };
     let Some((_, package)) = AREAS.iter().find(|(name, _)| *name == area) else {
         let names: Vec<_> = AREAS.iter().map(|(name, _)| *name).collect();
         bail!("no area named {area:?}; there are {}", names.join(", "));
     };
     let load_before = read("/proc/loadavg");
-    let ours = output(&mut cargo(&["bench", "--quiet", "--package", package, "--bench", area]))?;
+    let mut benchmark = cargo(&["bench", "--quiet", "--package", package, "--bench", area, "--"]);
+    let ours = output(benchmark.args(passed.iter().map(from_here)))?;
     let mut report: Report = serde_json::from_str(&ours)
         .with_context(|| format!("the {area} benchmark printed something else than rows"))?;
     let folder = workspace_root().join(folder_of(package)).join("benches");
@@ -101,6 +116,14 @@ pub(crate) fn run(arguments: &[String]) -> Result<()> {
         std::fs::write(file, serde_json::to_string_pretty(&report)?).with_context(|| file.clone())?;
     }
     Ok(())
+}
+
+/// Cargo starts a benchmark in its crate's folder, so a file named from here needs its whole path.
+fn from_here(argument: &String) -> String {
+    match std::path::absolute(argument) {
+        Ok(path) if path.exists() => path.display().to_string(),
+        _ => argument.clone(),
+    }
 }
 
 fn folder_of(package: &str) -> &Path {
@@ -122,9 +145,16 @@ fn join(rows: &mut Vec<Row>, peers: Vec<Row>) {
         let figure = peer.peer.or(peer.ours);
         match rows.iter().find(|row| row.name == peer.name).cloned() {
             Some(row) => {
-                let ratio = figure.zip(row.ours).map(|(theirs, ours)| theirs / ours);
-                let joined =
-                    Row { peer: figure, peer_name: peer.peer_name, ratio, note: peer.note.or(row.note.clone()), ..row };
+                let over = |(theirs, ours): (f64, f64)| theirs / ours;
+                let joined = Row {
+                    peer: figure,
+                    peer_name: peer.peer_name,
+                    ratio: figure.zip(row.ours).map(over),
+                    peer_processor: peer.peer_processor,
+                    ratio_processor: peer.peer_processor.zip(row.ours_processor).map(over),
+                    peer_note: peer.note,
+                    ..row
+                };
                 match rows.iter_mut().find(|row| row.name == joined.name && row.peer.is_none()) {
                     Some(place) => *place = joined,
                     None => rows.push(joined),
@@ -169,7 +199,10 @@ fn print_table(report: &Report) {
         Some(v) if v.abs() >= 100.0 => format!("{v:.0}"),
         Some(v) => format!("{v:.3}"),
     };
-    let header = ["name", "unit", "ours", "peer", "peer is", "ratio", "p50", "p99", "min", "max", "n", "note"];
+    let header = [
+        "name", "unit", "ours", "peer", "peer is", "ratio", "ours cpu", "peer cpu", "cpu ratio", "p50", "p99", "min",
+        "max", "n", "note", "note of peer",
+    ];
     let mut table = vec![header.map(str::to_owned).to_vec()];
     for row in &report.rows {
         table.push(vec![
@@ -179,12 +212,16 @@ fn print_table(report: &Report) {
             number(row.peer),
             row.peer_name.clone().unwrap_or_default(),
             number(row.ratio),
+            number(row.ours_processor),
+            number(row.peer_processor),
+            number(row.ratio_processor),
             number(row.p50),
             number(row.p99),
             number(row.min),
             number(row.max),
             row.n.map(|n| n.to_string()).unwrap_or_default(),
             row.note.clone().unwrap_or_default(),
+            row.peer_note.clone().unwrap_or_default(),
         ]);
     }
     let used: Vec<usize> = (0..header.len()).filter(|&c| table[1..].iter().any(|row| !row[c].is_empty())).collect();
@@ -222,13 +259,24 @@ mod tests {
             peer: None,
             peer_name: peer_name.map(Into::into),
             ratio: None,
+            ours_processor: None,
+            peer_processor: None,
+            ratio_processor: None,
             p50: None,
             p99: None,
             min: None,
             max: None,
             n: None,
             note: None,
+            peer_note: None,
         }
+    }
+
+    #[test]
+    fn processor_time_is_compared_beside_wall_time() {
+        let mut rows = vec![Row { ours_processor: Some(1.0), ..row("fit", Some(2.0), None) }];
+        join(&mut rows, vec![Row { peer_processor: Some(8.0), ..row("fit", Some(10.0), Some("a")) }]);
+        assert_eq!((rows[0].ratio, rows[0].ratio_processor), (Some(5.0), Some(8.0)));
     }
 
     #[test]

@@ -7,6 +7,9 @@
 //! zeroth, first and second moments in one product. Moments are taken about a centre given per
 //! component (its current mean), never about the origin, so that no digits cancel.
 //!
+//! A component whose log density lies [`NEGLIGIBLE`] below the best one for all samples of a group of [`LANES`] is left
+//! out of that group: neither its exponentials nor its moments are formed.
+//!
 //! Every sum is kept in [`LANES`] interleaved partial sums whatever the register width, chunks
 //! of [`CHUNK_BLOCKS`] blocks are independent, and their results are added in order: the bytes do
 //! not depend on the instruction set or on the number of threads.
@@ -23,6 +26,11 @@ use crate::scalar::{exp_nonpositive, ln_positive};
 const LANES: usize = 8;
 /// Samples per block: the working set of a seven-dimensional block (14 KiB) stays in a 32 KiB L1.
 const BLOCK: usize = 128;
+/// Groups of [`LANES`] samples per block.
+const GROUPS: usize = BLOCK / LANES;
+/// Responsibilities below `exp(-100) = 4e-44` are zero where a whole group of samples has them. A component keeps at
+/// least 1e-10 of the mass, so what this leaves out of its moments is 1e-33 of them, far below rounding.
+const NEGLIGIBLE: f64 = 100.0;
 /// Blocks per unit of parallel work: 4096 samples, some hundred microseconds.
 const CHUNK_BLOCKS: usize = 32;
 
@@ -99,17 +107,31 @@ impl Blocks {
         Self { len, dim, values, weights, extra }
     }
 
+    #[inline(always)]
     fn block_count(&self) -> usize {
         self.len.div_ceil(BLOCK)
     }
 
     /// Samples of block `b`, rounded up to whole lanes.
+    #[inline(always)]
     fn lanes_in(&self, b: usize) -> usize {
         (self.len - b * BLOCK).min(BLOCK).next_multiple_of(LANES)
     }
 
+    #[inline(always)]
     fn block(&self, b: usize) -> &[f64] {
         &self.values[b * self.dim * BLOCK..(b + 1) * self.dim * BLOCK]
+    }
+
+    /// Numbers per sample, padding included.
+    pub(crate) fn padded(&self) -> usize {
+        self.block_count() * BLOCK
+    }
+
+    /// The smaller of `distances` and the squared distance of each sample to `centre`, and the weighted sum of that;
+    /// both slices have [`Self::padded`] entries.
+    pub(crate) fn closer(&self, centre: &[f64], distances: &[f64], out: &mut [f64]) -> f64 {
+        Arch::new().dispatch(Closer { blocks: self, centre, distances, out })
     }
 
     /// Squared distance of each sample to its nearest centre and the index of that centre, for
@@ -117,22 +139,43 @@ impl Blocks {
     pub(crate) fn nearest(&self, centres: &[f64], labels: &mut [u32], distances: &mut [f64]) {
         Arch::new().dispatch(Nearest { blocks: self, centres, labels, distances });
     }
+}
 
-    /// Sum of the samples of each label, with weights: `k` rows of `[weight, sum_1 .. sum_d]`.
-    pub(crate) fn label_sums(&self, labels: &[u32], k: usize) -> Vec<f64> {
-        let stride = self.dim + 1;
-        let mut sums = vec![0.0; k * stride];
-        for (i, &label) in labels.iter().enumerate() {
-            let (b, lane) = (i / BLOCK, i % BLOCK);
-            let block = self.block(b);
-            let w = self.weights[i];
-            let out = &mut sums[label as usize * stride..][..stride];
-            out[0] += w;
-            for (j, o) in out[1..].iter_mut().enumerate() {
-                *o += w * block[j * BLOCK + lane];
+/// The smaller of `distances` and the squared distance to one centre.
+struct Closer<'a> {
+    blocks: &'a Blocks,
+    centre: &'a [f64],
+    distances: &'a [f64],
+    out: &'a mut [f64],
+}
+
+impl WithSimd for Closer<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> f64 {
+        let Self { blocks, centre, distances, out } = self;
+        let mut potential = [0.0; LANES];
+        let sums = S::as_mut_simd_f64s(&mut potential).0;
+        for b in 0..blocks.block_count() {
+            let block = blocks.block(b);
+            let range = b * BLOCK..b * BLOCK + blocks.lanes_in(b);
+            let out = S::as_mut_simd_f64s(&mut out[range.clone()]).0;
+            let before = S::as_simd_f64s(&distances[range.clone()]).0;
+            let weights = S::as_simd_f64s(&blocks.weights[range]).0;
+            for (v, ((out, before), w)) in out.iter_mut().zip(before).zip(weights).enumerate() {
+                let mut d = simd.splat_f64s(0.0);
+                for (x, c) in block.chunks_exact(BLOCK).zip(centre) {
+                    let z = simd.sub_f64s(S::as_simd_f64s(x).0[v], simd.splat_f64s(*c));
+                    d = simd.mul_add_f64s(z, z, d);
+                }
+                let d = simd.select_f64s(simd.less_than_f64s(d, *before), d, *before);
+                let s = &mut sums[v % (LANES / S::F64_LANES)];
+                *s = simd.mul_add_f64s(d, *w, *s);
+                *out = d;
             }
         }
-        sums
+        fold(&potential)
     }
 }
 
@@ -147,7 +190,69 @@ impl WithSimd for Nearest<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn with_simd<S: Simd>(self, simd: S) {
+        match self.blocks.dim {
+            1 => self.of::<S, 1>(simd),
+            2 => self.of::<S, 2>(simd),
+            3 => self.of::<S, 3>(simd),
+            4 => self.of::<S, 4>(simd),
+            5 => self.of::<S, 5>(simd),
+            6 => self.of::<S, 6>(simd),
+            7 => self.of::<S, 7>(simd),
+            8 => self.of::<S, 8>(simd),
+            _ => self.of_any_dimension(),
+        }
+    }
+}
+
+impl Nearest<'_> {
+    /// A group of samples in registers, then all centres.
+    #[inline(always)]
+    fn of<S: Simd, const D: usize>(self, simd: S) {
+        let Self { blocks, centres, labels, distances } = self;
+        let centres = centres.as_chunks::<D>().0;
+        let zero = simd.splat_f64s(0.0);
+        for b in 0..blocks.block_count() {
+            let block = blocks.block(b);
+            let range = b * BLOCK..blocks.len.min((b + 1) * BLOCK);
+            let (Row(mut best), Row(mut label)) = (Row([0.0; BLOCK]), Row([0.0; BLOCK]));
+            let rows: [&[S::f64s]; D] = std::array::from_fn(
+                #[inline(always)]
+                |j| S::as_simd_f64s(&block[j * BLOCK..(j + 1) * BLOCK]).0,
+            );
+            let bests = S::as_mut_simd_f64s(&mut best).0;
+            let found = S::as_mut_simd_f64s(&mut label).0;
+            let registers = range.len().next_multiple_of(LANES) / S::F64_LANES;
+            for (v, (best, label)) in bests.iter_mut().zip(found).take(registers).enumerate() {
+                let mut x = [zero; D];
+                for j in 0..D {
+                    x[j] = rows[j][v];
+                }
+                let mut least = simd.splat_f64s(f64::INFINITY);
+                let mut at = zero;
+                for (k, centre) in centres.iter().enumerate() {
+                    let mut d = zero;
+                    for j in 0..D {
+                        let z = simd.sub_f64s(x[j], simd.splat_f64s(centre[j]));
+                        d = simd.mul_add_f64s(z, z, d);
+                    }
+                    let closer = simd.less_than_f64s(d, least);
+                    at = simd.select_f64s(closer, simd.splat_f64s(k as f64), at);
+                    least = simd.select_f64s(closer, d, least);
+                }
+                (*best, *label) = (least, at);
+            }
+            let n = range.len();
+            distances[range.clone()].copy_from_slice(&best[..n]);
+            for (out, l) in labels[range].iter_mut().zip(&label) {
+                // 2^52 + l has l in its low bits; a plain cast would saturate, which vectors cannot do.
+                *out = (l + 4_503_599_627_370_496.0).to_bits() as u32;
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn of_any_dimension(self) {
         let Self { blocks, centres, labels, distances } = self;
         for b in 0..blocks.block_count() {
             let block = blocks.block(b);
@@ -291,11 +396,34 @@ struct Scratch {
     z: Aligned,
     /// Log density per sample.
     density: Row,
+    /// Groups of samples that each component takes part in.
+    active: Vec<Active>,
+}
+
+/// Some of the groups of a block, in ascending order.
+#[derive(Debug, Clone, Copy)]
+struct Active {
+    groups: [u8; GROUPS],
+    count: usize,
+}
+
+impl Active {
+    const NONE: Self = Self { groups: [0; GROUPS], count: 0 };
+
+    #[inline(always)]
+    fn list(&self) -> &[u8] {
+        &self.groups[..self.count]
+    }
 }
 
 impl Scratch {
     fn new(k: usize, d: usize) -> Self {
-        Self { joint: Aligned::zeros(k * BLOCK), z: Aligned::zeros(d * BLOCK), density: Row([0.0; BLOCK]) }
+        Self {
+            joint: Aligned::zeros(k * BLOCK),
+            z: Aligned::zeros(d * BLOCK),
+            density: Row([0.0; BLOCK]),
+            active: vec![Active::NONE; k],
+        }
     }
 }
 
@@ -388,7 +516,8 @@ fn expectation<S: Simd>(simd: S, block: &[f64], lanes: usize, components: Compon
     let k = components.offsets.len();
     let dim = components.means.len() / k;
     let registers = lanes / S::F64_LANES;
-    let Scratch { joint, z, density: Row(density) } = scratch;
+    let Scratch { joint, z, density: Row(density), active } = scratch;
+    let Row(mut peak) = Row([f64::NEG_INFINITY; BLOCK]);
     for (c, joint) in joint.chunks_exact_mut(BLOCK).enumerate() {
         let mean = &components.means[c * dim..(c + 1) * dim];
         let joint = &mut joint[..lanes];
@@ -433,13 +562,8 @@ fn expectation<S: Simd>(simd: S, block: &[f64], lanes: usize, components: Compon
                 }
             }
         }
-        for q in joint.iter_mut() {
+        for (q, m) in joint.iter_mut().zip(&mut peak) {
             *q = (-0.5f64).mul_add(*q, offset);
-        }
-    }
-    let Row(mut peak) = Row([f64::NEG_INFINITY; BLOCK]);
-    for joint in joint.chunks_exact(BLOCK) {
-        for (m, q) in peak.iter_mut().zip(&joint[..lanes]) {
             *m = if *q > *m { *q } else { *m };
         }
     }
@@ -447,24 +571,72 @@ fn expectation<S: Simd>(simd: S, block: &[f64], lanes: usize, components: Compon
     for m in &mut peak {
         *m = if *m == f64::NEG_INFINITY { 0.0 } else { *m };
     }
+    let Row(mut least) = Row(peak);
+    for m in &mut least {
+        *m -= NEGLIGIBLE;
+    }
     let Row(mut sum) = Row([0.0; BLOCK]);
-    for joint in joint.chunks_exact_mut(BLOCK) {
-        for ((q, m), s) in joint[..lanes].iter_mut().zip(&peak).zip(&mut sum) {
-            *q = exp_nonpositive(*q - m);
-            *s += *q;
+    let Row(mut exponent) = Row([0.0; BLOCK]);
+    let peaks = peak.as_chunks::<LANES>().0;
+    let leasts = least.as_chunks::<LANES>().0;
+    for (joint, active) in joint.chunks_exact_mut(BLOCK).zip(active.iter_mut()) {
+        let packed = exponent.as_chunks_mut::<LANES>().0;
+        let groups = joint[..lanes].as_chunks_mut::<LANES>().0;
+        let mut found = 0u32;
+        for (g, (q, least)) in groups.iter().zip(leasts).enumerate() {
+            found |= u32::from(any_above(simd, q, least)) << g;
+        }
+        active.count = 0;
+        while found != 0 {
+            let g = found.trailing_zeros() as usize;
+            found &= found - 1;
+            let (q, m) = (S::as_simd_f64s(&groups[g]).0, S::as_simd_f64s(&peaks[g]).0);
+            let e = S::as_mut_simd_f64s(&mut packed[active.count]).0;
+            for ((e, q), m) in e.iter_mut().zip(q).zip(m) {
+                *e = simd.sub_f64s(*q, *m);
+            }
+            active.groups[active.count] = g as u8;
+            active.count += 1;
+        }
+        groups.fill([0.0; LANES]);
+        for e in &mut exponent[..active.count * LANES] {
+            *e = exp_nonpositive(*e);
+        }
+        let sums = sum.as_chunks_mut::<LANES>().0;
+        for (packed, g) in exponent.as_chunks::<LANES>().0.iter().zip(active.list()) {
+            let g = usize::from(*g);
+            groups[g] = *packed;
+            for (s, v) in S::as_mut_simd_f64s(&mut sums[g]).0.iter_mut().zip(S::as_simd_f64s(packed).0) {
+                *s = simd.add_f64s(*s, *v);
+            }
         }
     }
-    for ((d, s), m) in density.iter_mut().zip(&sum).zip(&peak) {
+    for ((d, s), m) in density[..lanes].iter_mut().zip(&sum).zip(&peak) {
         *d = if *s > 0.0 { m + ln_positive(*s) } else { f64::NEG_INFINITY };
     }
-    for s in &mut sum {
+    for s in &mut sum[..lanes] {
         *s = if *s > 0.0 { 1.0 / *s } else { 0.0 };
     }
-    for joint in joint.chunks_exact_mut(BLOCK) {
-        for (q, s) in joint[..lanes].iter_mut().zip(&sum) {
-            *q *= s;
+    let sums = sum.as_chunks::<LANES>().0;
+    for (joint, active) in joint.chunks_exact_mut(BLOCK).zip(active.iter()) {
+        let groups = joint.as_chunks_mut::<LANES>().0;
+        for g in active.list() {
+            let (q, s) = (&mut groups[usize::from(*g)], &sums[usize::from(*g)]);
+            for (q, s) in S::as_mut_simd_f64s(q).0.iter_mut().zip(S::as_simd_f64s(s).0) {
+                *q = simd.mul_f64s(*q, *s);
+            }
         }
     }
+}
+
+/// Whether some `a` is above its `b`.
+#[inline(always)]
+fn any_above<S: Simd>(simd: S, a: &[f64; LANES], b: &[f64; LANES]) -> bool {
+    let mut any = false;
+    for (a, b) in S::as_simd_f64s(a).0.iter().zip(S::as_simd_f64s(b).0) {
+        any |= simd.first_true_m64s(simd.greater_than_f64s(*a, *b)) < S::F64_LANES;
+    }
+    any
 }
 
 /// Adds `a . b` to interleaved sums.
@@ -487,7 +659,7 @@ struct TileRows<'a, S: Simd> {
 }
 
 /// Adds `sum r z_i z_j` over a tile of four rows and four columns to interleaved sums that lie `p` sums apart per
-/// row. On the diagonal only `j <= i` is summed.
+/// row, for the groups of samples listed. On the diagonal only `j <= i` is summed.
 #[inline(always)]
 fn tile<S: Simd, const DIAGONAL: bool>(
     simd: S,
@@ -496,6 +668,7 @@ fn tile<S: Simd, const DIAGONAL: bool>(
     rows: &TileRows<'_, S>,
     columns: &TileRows<'_, S>,
     r: &[S::f64s],
+    groups: &[u8],
 ) {
     let per = LANES / S::F64_LANES;
     let sums = S::as_mut_simd_f64s(sums).0;
@@ -509,8 +682,8 @@ fn tile<S: Simd, const DIAGONAL: bool>(
                 }
             }
         }
-        let mut v = part;
-        while v < r.len() {
+        for group in groups {
+            let v = usize::from(*group) * per + part;
             let mut a = [zero; TILE];
             let mut b = [zero; TILE];
             for i in 0..TILE {
@@ -525,7 +698,6 @@ fn tile<S: Simd, const DIAGONAL: bool>(
                     }
                 }
             }
-            v += per;
         }
         for i in 0..TILE {
             for j in 0..TILE {
@@ -535,6 +707,21 @@ fn tile<S: Simd, const DIAGONAL: bool>(
             }
         }
     }
+}
+
+/// Natural logarithm of each, for positive normal numbers.
+pub(crate) fn ln_all(values: &mut [f64]) {
+    struct LnAll<'a>(&'a mut [f64]);
+    impl WithSimd for LnAll<'_> {
+        type Output = ();
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, _: S) {
+            for v in self.0 {
+                *v = ln_positive(*v);
+            }
+        }
+    }
+    Arch::new().dispatch(LnAll(values));
 }
 
 /// Sum of interleaved partial sums, in one fixed order.
@@ -604,6 +791,10 @@ impl WithSimd for MomentsOf<'_> {
                 }
             }
             for c in 0..k {
+                let groups = &scratch.active[c];
+                if groups.count == 0 {
+                    continue;
+                }
                 let r = &mut scratch.joint[c * BLOCK..c * BLOCK + lanes];
                 for (r, w) in r.iter_mut().zip(weights) {
                     *r *= w;
@@ -626,9 +817,9 @@ impl WithSimd for MomentsOf<'_> {
                         let rows = tile_rows::<S>(simd, block, centre, i, r.len(), &ones, &zeros);
                         for j in (0..i).step_by(TILE) {
                             let columns = tile_rows::<S>(simd, block, centre, j, r.len(), &ones, &zeros);
-                            tile::<S, false>(simd, &mut sums[(i * p + j) * LANES..], p, &rows, &columns, r);
+                            tile::<S, false>(simd, &mut sums[(i * p + j) * LANES..], p, &rows, &columns, r, groups.list());
                         }
-                        tile::<S, true>(simd, &mut sums[(i * p + i) * LANES..], p, &rows, &rows, r);
+                        tile::<S, true>(simd, &mut sums[(i * p + i) * LANES..], p, &rows, &rows, r, groups.list());
                     }
                 }
                 if let Some(e) = &blocks.extra {

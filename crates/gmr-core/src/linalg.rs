@@ -14,6 +14,23 @@ pub(crate) struct BadPivot {
 /// Replaces the symmetric `a` (`d x d`, lower triangle read) by its lower Cholesky factor; the
 /// strict upper triangle becomes zero.
 pub(crate) fn cholesky(a: &mut [f64], d: usize) -> Result<(), BadPivot> {
+    // One copy of the loops per small dimension, so that they unroll.
+    match d {
+        1 => cholesky_of(a, 1),
+        2 => cholesky_of(a, 2),
+        3 => cholesky_of(a, 3),
+        4 => cholesky_of(a, 4),
+        5 => cholesky_of(a, 5),
+        6 => cholesky_of(a, 6),
+        7 => cholesky_of(a, 7),
+        8 => cholesky_of(a, 8),
+        d => cholesky_of(a, d),
+    }
+}
+
+#[inline(always)]
+fn cholesky_of(a: &mut [f64], d: usize) -> Result<(), BadPivot> {
+    let a = &mut a[..d * d];
     for i in 0..d {
         for j in 0..=i {
             let (head, tail) = a.split_at_mut(i * d);
@@ -45,15 +62,33 @@ pub(crate) fn cholesky(a: &mut [f64], d: usize) -> Result<(), BadPivot> {
 
 /// Inverse of a lower triangular matrix, written to `out` (`d x d`, upper triangle zero).
 pub(crate) fn invert_lower(l: &[f64], d: usize, out: &mut [f64]) {
-    out[..d * d].fill(0.0);
+    match d {
+        1 => invert_lower_of(l, 1, out),
+        2 => invert_lower_of(l, 2, out),
+        3 => invert_lower_of(l, 3, out),
+        4 => invert_lower_of(l, 4, out),
+        5 => invert_lower_of(l, 5, out),
+        6 => invert_lower_of(l, 6, out),
+        7 => invert_lower_of(l, 7, out),
+        8 => invert_lower_of(l, 8, out),
+        d => invert_lower_of(l, d, out),
+    }
+}
+
+#[inline(always)]
+fn invert_lower_of(l: &[f64], d: usize, out: &mut [f64]) {
+    let (l, out) = (&l[..d * d], &mut out[..d * d]);
+    out.fill(0.0);
     for j in 0..d {
         out[j * d + j] = 1.0 / l[j * d + j];
+    }
+    for j in 0..d {
         for i in j + 1..d {
             let mut sum = 0.0;
             for k in j..i {
                 sum += l[i * d + k] * out[k * d + j];
             }
-            out[i * d + j] = -sum / l[i * d + i];
+            out[i * d + j] = -sum * out[i * d + i];
         }
     }
 }

@@ -1,5 +1,6 @@
 //! The EM iteration.
 
+use pulp::{Arch, Simd, WithSimd};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -265,22 +266,81 @@ fn hard_moments(samples: &Samples<'_>, labels: &[u32], k: usize) -> (Moments, Ve
             centre.iter_mut().for_each(|m| *m /= mass);
         }
     }
-    let mut z = vec![0.0; d];
-    for (i, &label) in labels.iter().enumerate() {
-        let (c, w) = (label as usize, samples.weight(i));
-        for ((z, v), m) in z.iter_mut().zip(samples.row(i)).zip(&centres[c * d..]) {
-            *z = v - m;
+    Arch::new().dispatch(HardMoments { samples, labels, centres: &centres, moments: &mut moments });
+    (moments, centres)
+}
+
+/// The first and second moments of [`hard_moments`].
+struct HardMoments<'a> {
+    samples: &'a Samples<'a>,
+    labels: &'a [u32],
+    centres: &'a [f64],
+    moments: &'a mut Moments,
+}
+
+impl WithSimd for HardMoments<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        match self.moments.dim {
+            1 => self.of::<1>(),
+            2 => self.of::<2>(),
+            3 => self.of::<3>(),
+            4 => self.of::<4>(),
+            5 => self.of::<5>(),
+            6 => self.of::<6>(),
+            7 => self.of::<7>(),
+            8 => self.of::<8>(),
+            _ => self.of_any_dimension(),
         }
-        let second = &mut moments.second[c * d * d..(c + 1) * d * d];
-        for (a, row) in second.chunks_exact_mut(d).enumerate() {
-            let wz = w * z[a];
-            moments.first[c * d + a] += wz;
-            for (s, z) in row[..=a].iter_mut().zip(&z) {
-                *s += wz * z;
+    }
+}
+
+impl HardMoments<'_> {
+    /// For a dimension known to the compiler; the upper triangle is filled too, because whole rows are faster.
+    #[inline(always)]
+    fn of<const D: usize>(self) {
+        let Self { samples, labels, centres, moments } = self;
+        let (rows, centres) = (samples.values().as_chunks::<D>().0, centres.as_chunks::<D>().0);
+        let first = moments.first.as_chunks_mut::<D>().0;
+        let second = moments.second.as_chunks_mut::<D>().0;
+        for (i, (row, &label)) in rows.iter().zip(labels).enumerate() {
+            let (c, w) = (label as usize, samples.weight(i));
+            let mut z = [0.0; D];
+            for j in 0..D {
+                z[j] = row[j] - centres[c][j];
+            }
+            for (a, sums) in second[c * D..(c + 1) * D].iter_mut().enumerate() {
+                let wz = w * z[a];
+                first[c][a] += wz;
+                for (s, z) in sums.iter_mut().zip(&z) {
+                    *s += wz * z;
+                }
             }
         }
     }
-    (moments, centres)
+
+    #[inline(always)]
+    fn of_any_dimension(self) {
+        let Self { samples, labels, centres, moments } = self;
+        let d = moments.dim;
+        let mut z = vec![0.0; d];
+        for (i, &label) in labels.iter().enumerate() {
+            let (c, w) = (label as usize, samples.weight(i));
+            for ((z, v), m) in z.iter_mut().zip(samples.row(i)).zip(&centres[c * d..]) {
+                *z = v - m;
+            }
+            let second = &mut moments.second[c * d * d..(c + 1) * d * d];
+            for (a, row) in second.chunks_exact_mut(d).enumerate() {
+                let wz = w * z[a];
+                moments.first[c * d + a] += wz;
+                for (s, z) in row[..=a].iter_mut().zip(&z) {
+                    *s += wz * z;
+                }
+            }
+        }
+    }
 }
 
 /// Moves `centres` to the new means when some component has moved by many of its new deviations.
@@ -388,7 +448,7 @@ fn regularise(params: &GmmParams, covariances: &mut [f64], d: usize, iteration: 
             let mean = variances.iter().sum::<f64>() / per as f64;
             let mut smallest = f64::INFINITY;
             for v in variances {
-                *v = lambda.mul_add(mean - *v, *v) + ridge;
+                *v += lambda * (mean - *v) + ridge;
                 if *v < floor {
                     smallest = smallest.min(*v);
                     *v = floor;

@@ -8,7 +8,6 @@ use crate::error::{Error, Result, check_len, check_values};
 use crate::kernel::{self, Blocks, Components};
 use crate::linalg::{cholesky, invert_lower};
 use crate::samples::Samples;
-use crate::scalar::ln_positive;
 
 /// How far weights read from outside may sum away from one.
 const WEIGHT_TOLERANCE: f64 = 1e-9;
@@ -182,14 +181,13 @@ impl Mixture {
                 self.whitening.extend_from_slice(&inverse);
             }
         }
-        for (c, &weight) in weights.iter().enumerate() {
+        let diagonal = |c: usize, j: usize| if kind.is_diagonal() { c * d + j } else { (c * d + j) * d + j };
+        let whitening = &self.whitening;
+        let mut log_diagonals: Vec<f64> = (0..k).flat_map(|c| (0..d).map(move |j| whitening[diagonal(c, j)])).collect();
+        kernel::ln_all(&mut log_diagonals);
+        for (logs, &weight) in log_diagonals.chunks_exact(d).zip(weights) {
             let log_weight = if weight > 0.0 { weight.ln() } else { f64::NEG_INFINITY };
-            let mut log_det = 0.0;
-            for j in 0..d {
-                let w =
-                    if kind.is_diagonal() { self.whitening[c * d + j] } else { self.whitening[(c * d + j) * d + j] };
-                log_det += ln_positive(w);
-            }
+            let log_det: f64 = logs.iter().sum();
             self.offsets.push(log_weight + (log_det - 0.5 * d as f64 * LN_2_PI));
         }
         Ok(())

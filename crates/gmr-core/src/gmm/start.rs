@@ -58,25 +58,20 @@ fn plus_plus_seeds(blocks: &Blocks, samples: &Samples<'_>, k: usize, rng: &mut C
     let n = samples.len();
     let trials = 2 + (k as f64).ln() as usize;
     let weights: Vec<f64> = (0..n).map(|i| samples.weight(i)).collect();
-    let mut labels = vec![0; n];
-    let mut distances = vec![0.0; n];
-    let mut trial = vec![0.0; n];
-    let mut best = vec![0.0; n];
-    let first = draw(&weights, rng);
-    let mut centres = samples.row(first).to_vec();
-    blocks.nearest(&centres, &mut labels, &mut distances);
-    let mut mass: Vec<f64> = distances.iter().zip(&weights).map(|(d, w)| d * w).collect();
+    let mut trial = vec![0.0; blocks.padded()];
+    let mut best = vec![0.0; blocks.padded()];
+    let mut reach = vec![0.0; n];
+    running_sums(&mut reach, weights.iter().copied());
+    let mut centres = samples.row(draw(&reach, rng)).to_vec();
+    let mut distances = vec![0.0; blocks.padded()];
+    blocks.closer(&centres, &vec![f64::INFINITY; blocks.padded()], &mut distances);
     for _ in 1..k {
+        running_sums(&mut reach, distances.iter().zip(&weights).map(|(d, w)| d * w));
         let mut best_potential = f64::INFINITY;
         let mut best_index = 0;
         for _ in 0..trials {
-            let candidate = draw(&mass, rng);
-            blocks.nearest(samples.row(candidate), &mut labels, &mut trial);
-            let mut potential = 0.0;
-            for ((t, d), w) in trial.iter_mut().zip(&distances).zip(&weights) {
-                *t = t.min(*d);
-                potential += *t * w;
-            }
+            let candidate = draw(&reach, rng);
+            let potential = blocks.closer(samples.row(candidate), &distances, &mut trial);
             if potential < best_potential {
                 best_potential = potential;
                 best_index = candidate;
@@ -84,33 +79,29 @@ fn plus_plus_seeds(blocks: &Blocks, samples: &Samples<'_>, k: usize, rng: &mut C
             }
         }
         centres.extend_from_slice(samples.row(best_index));
-        distances.copy_from_slice(&best);
-        for ((m, d), w) in mass.iter_mut().zip(&distances).zip(&weights) {
-            *m = d * w;
-        }
+        std::mem::swap(&mut distances, &mut best);
     }
     centres
 }
 
-/// Index drawn proportionally to `mass`; uniform when all mass is zero.
-fn draw(mass: &[f64], rng: &mut ChaCha8Rng) -> usize {
-    let total: f64 = mass.iter().sum();
+fn running_sums(sums: &mut [f64], values: impl Iterator<Item = f64>) {
+    let mut total = 0.0;
+    for (sum, value) in sums.iter_mut().zip(values) {
+        total += value;
+        *sum = total;
+    }
+}
+
+/// Index drawn proportionally to the steps of the running sums `reach`; uniform when these stay zero.
+fn draw(reach: &[f64], rng: &mut ChaCha8Rng) -> usize {
+    let total = reach.last().copied().unwrap_or(0.0);
     let u: f64 = rng.random();
     if !(total > 0.0) {
-        return ((u * mass.len() as f64) as usize).min(mass.len() - 1);
+        return ((u * reach.len() as f64) as usize).min(reach.len() - 1);
     }
-    let mut left = u * total;
-    let mut last = 0;
-    for (i, m) in mass.iter().enumerate() {
-        if *m > 0.0 {
-            last = i;
-            left -= m;
-            if left < 0.0 {
-                return i;
-            }
-        }
-    }
-    last
+    // The first index whose step reaches beyond `u total`: its own mass is above zero.
+    let last = reach.partition_point(|r| *r < total);
+    reach.partition_point(|r| *r <= u * total).min(last)
 }
 
 /// Lloyd's iterations; a cluster that loses all samples moves to the sample farthest from its centre.
@@ -124,9 +115,10 @@ fn lloyd(
 ) -> usize {
     let dim = samples.dim();
     let threshold = LLOYD_TOLERANCE * mean_variance(samples);
+    let mut sums = vec![0.0; k * (dim + 1)];
     for iteration in 1..=LLOYD_LIMIT {
         blocks.nearest(centres, labels, distances);
-        let mut sums = blocks.label_sums(labels, k);
+        label_sums(samples, labels, &mut sums);
         for c in 0..k {
             if sums[c * (dim + 1)] > 0.0 {
                 continue;
@@ -155,20 +147,72 @@ fn lloyd(
     LLOYD_LIMIT
 }
 
+/// Sum of the samples of each label, with weights: rows of `[weight, sum_1 .. sum_d]`.
+fn label_sums(samples: &Samples<'_>, labels: &[u32], sums: &mut [f64]) {
+    match samples.dim() {
+        1 => label_sums_of::<1>(samples, labels, sums),
+        2 => label_sums_of::<2>(samples, labels, sums),
+        3 => label_sums_of::<3>(samples, labels, sums),
+        4 => label_sums_of::<4>(samples, labels, sums),
+        5 => label_sums_of::<5>(samples, labels, sums),
+        6 => label_sums_of::<6>(samples, labels, sums),
+        7 => label_sums_of::<7>(samples, labels, sums),
+        8 => label_sums_of::<8>(samples, labels, sums),
+        d => {
+            sums.fill(0.0);
+            for (i, (row, label)) in samples.values().chunks_exact(d).zip(labels).enumerate() {
+                let w = samples.weight(i);
+                let out = &mut sums[*label as usize * (d + 1)..][..=d];
+                out[0] += w;
+                for (o, v) in out[1..].iter_mut().zip(row) {
+                    *o += w * v;
+                }
+            }
+        }
+    }
+}
+
+/// As [`label_sums`], with the sums of a run of equal labels kept in registers: samples of a motion come in such runs.
+fn label_sums_of<const D: usize>(samples: &Samples<'_>, labels: &[u32], sums: &mut [f64]) {
+    sums.fill(0.0);
+    let (rows, _) = samples.values().as_chunks::<D>();
+    let mut at = 0;
+    while at < rows.len() {
+        let label = labels[at];
+        let end = at + labels[at..].iter().take_while(|l| **l == label).count();
+        let mut mass = 0.0;
+        let mut sum = [0.0; D];
+        for (i, row) in (at..).zip(&rows[at..end]) {
+            let w = samples.weight(i);
+            mass += w;
+            for (s, v) in sum.iter_mut().zip(row) {
+                *s += w * v;
+            }
+        }
+        let out = &mut sums[label as usize * (D + 1)..][..=D];
+        out[0] += mass;
+        for (o, s) in out[1..].iter_mut().zip(&sum) {
+            *o += s;
+        }
+        at = end;
+    }
+}
+
 /// Mean over columns of the sample variance.
 fn mean_variance(samples: &Samples<'_>) -> f64 {
     let (n, d) = (samples.len() as f64, samples.dim());
     let mut mean = vec![0.0; d];
     for row in samples.values().chunks_exact(d) {
         for (m, v) in mean.iter_mut().zip(row) {
-            *m += v / n;
+            *m += v;
         }
     }
-    let mut total = 0.0;
+    mean.iter_mut().for_each(|m| *m /= n);
+    let mut squares = vec![0.0; d];
     for row in samples.values().chunks_exact(d) {
-        for (m, v) in mean.iter().zip(row) {
-            total += (v - m) * (v - m) / n;
+        for ((s, m), v) in squares.iter_mut().zip(&mean).zip(row) {
+            *s += (v - m) * (v - m);
         }
     }
-    total / d as f64
+    squares.iter().sum::<f64>() / (n * d as f64)
 }
