@@ -125,6 +125,17 @@ pub fn dtw(a: &Trajectory, b: &Trajectory, params: &DtwParams) -> Result<Alignme
 /// Each reference time gets the mean of the samples matched to it; the result has the reference's
 /// times and the demonstration's values.
 ///
+/// ```
+/// use gmr_core::{DtwParams, Trajectory, align};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// let reference = Trajectory::new(vec![0.0, 1.0, 2.0], vec![0.0, 1.0, 2.0], 1)?;
+/// let late = Trajectory::new(vec![0.0, 1.0, 2.0, 3.0], vec![0.0, 0.0, 1.0, 2.0], 1)?;
+/// let (aligned, _) = align(&reference, &late, &DtwParams { band: 1.0, ..DtwParams::default() })?;
+/// assert_eq!(aligned.values(), [0.0, 1.0, 2.0]);
+/// # Ok(())
+/// # }
+/// ```
+///
 /// # Errors
 /// As [`dtw`].
 pub fn align(

@@ -65,12 +65,22 @@ pub struct Chart {
 }
 
 /// The angle in `(-pi, pi]` that differs from `angle_rad` by whole turns.
+///
+/// ```
+/// assert!((gmr_core::wrap_rad(3.5) + 2.783_185_307_179_586).abs() < 1e-15);
+/// ```
 pub fn wrap_rad(angle_rad: f64) -> f64 {
     let turned = angle_rad - TAU * (angle_rad / TAU).round();
     if turned <= -PI { turned + TAU } else { turned }
 }
 
 /// Adds whole turns so that no step exceeds half a turn.
+///
+/// ```
+/// let mut angles = [3.0, -3.0];
+/// gmr_core::unwrap_rad(&mut angles);
+/// assert!((angles[1] - 3.283_185_307_179_586).abs() < 1e-15);
+/// ```
 pub fn unwrap_rad(angles_rad: &mut [f64]) {
     for i in 1..angles_rad.len() {
         let previous = angles_rad[i - 1];
@@ -206,6 +216,15 @@ impl Chart {
     }
 
     /// Columns in the chart.
+    ///
+    /// ```
+    /// use gmr_core::{Chart, Coordinate};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// let chart = Chart::new(vec![Coordinate::Linear, Coordinate::Rotation { centre: [1.0, 0.0, 0.0, 0.0] }])?;
+    /// assert_eq!((chart.columns(), chart.flat_columns()), (5, 4));
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn flat_columns(&self) -> usize {
         self.coordinates.iter().map(|c| if matches!(c, Coordinate::Rotation { .. }) { 3 } else { 1 }).sum()
     }
@@ -243,6 +262,18 @@ impl Chart {
 
     /// One row in flat coordinates, on the branch nearest to `previous`, or to the centre.
     ///
+    /// ```
+    /// use gmr_core::{Chart, Coordinate};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// // A quarter turn about z is the rotation vector (0, 0, pi / 2).
+    /// let chart = Chart::new(vec![Coordinate::Rotation { centre: [1.0, 0.0, 0.0, 0.0] }])?;
+    /// let mut flat = [0.0; 3];
+    /// chart.encode_row(&[0.5_f64.sqrt(), 0.0, 0.0, 0.5_f64.sqrt()], None, &mut flat)?;
+    /// assert!((flat[2] - std::f64::consts::FRAC_PI_2).abs() < 1e-15);
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
     /// # Errors
     /// Wrong lengths, or a quaternion not of length one.
     pub fn encode_row(&self, row: &[f64], previous: Option<&[f64]>, out: &mut [f64]) -> Result<()> {
@@ -274,6 +305,17 @@ impl Chart {
     }
 
     /// A flat point (for instance a predicted mean) back on the manifold. Allocates nothing.
+    ///
+    /// ```
+    /// use gmr_core::{Chart, Coordinate};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// let chart = Chart::new(vec![Coordinate::Angle { centre_rad: 3.0 }])?;
+    /// let mut angle = [0.0];
+    /// chart.decode_into(&[3.5], &mut angle)?;
+    /// assert!((angle[0] + 2.783_185_307_179_586).abs() < 1e-15);
+    /// # Ok(())
+    /// # }
+    /// ```
     ///
     /// # Errors
     /// Wrong lengths.

@@ -20,6 +20,19 @@ pub struct Filled {
 impl Mixture {
     /// The mixture of some of its dimensions, in the given order.
     ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Regressor, Samples};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.0, 0.0], covariances: vec![1.0, 0.8, 0.8, 1.0],
+    /// # };
+    /// let joint = Mixture::new(parts)?; // unit variances, correlation 0.8
+    /// let second = joint.marginal(&[1])?;
+    /// assert_eq!((second.dim(), second.covariance(0)[0]), (1, 1.0));
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
     /// # Errors
     /// An empty list, or an index out of bounds or listed twice.
     pub fn marginal(&self, dimensions: &[usize]) -> Result<Self> {
@@ -82,6 +95,19 @@ impl Mixture {
     }
 
     /// Mean and full covariance of the whole mixture, `(d)` and `(d, d)`.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Samples};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 1, weights: vec![0.5, 0.5], means: vec![-1.0, 1.0], covariances: vec![1.0, 1.0],
+    /// # };
+    /// let pair = Mixture::new(parts)?; // N(-1, 1) and N(1, 1), half each
+    /// let (mean, covariance) = pair.moments();
+    /// assert_eq!((mean[0], covariance[0]), (0.0, 2.0)); // 1 within, 1 between
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn moments(&self) -> (Vec<f64>, Vec<f64>) {
         let d = self.dim();
         let mut mean = vec![0.0; d];
@@ -104,6 +130,21 @@ impl Mixture {
     }
 
     /// Fills the NaN entries of a row with their conditional mean and says how sure that is.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Regressor, Samples};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.0, 0.0], covariances: vec![1.0, 0.8, 0.8, 1.0],
+    /// # };
+    /// let joint = Mixture::new(parts)?; // unit variances, correlation 0.8
+    /// let filled = joint.fill(&[2.0, f64::NAN])?;
+    /// assert!((filled.values[1] - 1.6).abs() < 1e-15);
+    /// assert!((filled.covariance[0] - 0.36).abs() < 1e-15);
+    /// assert_eq!(filled.hidden, [1]);
+    /// # Ok(())
+    /// # }
+    /// ```
     ///
     /// # Errors
     /// A wrong length, an infinite value, or observed values that no component reaches.

@@ -155,6 +155,21 @@ pub fn mutual_support(reliability: &[f64]) -> Vec<f64> {
 
 /// Fits an ARIMA model to each column of each demonstration and returns its standardised errors.
 ///
+/// ```
+/// use gmr_core::{ArimaOrder, ArimaParams, Trajectory, arima_errors};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// // A saw tooth of +-1 has residuals of one size, one standard deviation each, after the first.
+/// let times: Vec<f64> = (0..60).map(f64::from).collect();
+/// let values = (0..60).map(|i| if i % 2 == 0 { 1.0 } else { -1.0 }).collect();
+/// let demonstration = Trajectory::new(times, values, 1)?;
+/// let order = ArimaOrder { p: 0, d: 0, q: 0 };
+/// let plan = ArimaParams { order, constant: false, ..ArimaParams::default() }.validate()?;
+/// let errors = arima_errors(&[demonstration], &plan)?;
+/// assert!(errors.errors[0].iter().all(|e| (e - 1.0).abs() < 1e-9));
+/// # Ok(())
+/// # }
+/// ```
+///
 /// # Errors
 /// A column that cannot be fitted for another reason than being constant.
 pub fn arima_errors(demonstrations: &[Trajectory], plan: &ArimaPlan) -> Result<ArimaErrors> {

@@ -817,7 +817,15 @@ impl WithSimd for MomentsOf<'_> {
                         let rows = tile_rows::<S>(simd, block, centre, i, r.len(), &ones, &zeros);
                         for j in (0..i).step_by(TILE) {
                             let columns = tile_rows::<S>(simd, block, centre, j, r.len(), &ones, &zeros);
-                            tile::<S, false>(simd, &mut sums[(i * p + j) * LANES..], p, &rows, &columns, r, groups.list());
+                            tile::<S, false>(
+                                simd,
+                                &mut sums[(i * p + j) * LANES..],
+                                p,
+                                &rows,
+                                &columns,
+                                r,
+                                groups.list(),
+                            );
                         }
                         tile::<S, true>(simd, &mut sums[(i * p + i) * LANES..], p, &rows, &rows, r, groups.list());
                     }

@@ -317,6 +317,21 @@ impl Regressor {
 
     /// Mean, full covariance, responsibilities and log density at `x: (d_i)`. Allocates nothing.
     ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Regressor, Samples};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.0, 0.0], covariances: vec![1.0, 0.8, 0.8, 1.0],
+    /// # };
+    /// let joint = Mixture::new(parts)?; // unit variances, correlation 0.8
+    /// let regressor = Regressor::new(&joint, &[0], &[1])?;
+    /// let mut out = regressor.prediction();
+    /// regressor.predict_into(&[2.0], &mut out)?;
+    /// assert!((out.mean()[0] - 1.6).abs() < 1e-15 && (out.covariance()[0] - 0.36).abs() < 1e-15);
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
     /// # Errors
     /// A wrong length, a value that is not finite, or [`Error::NoSupport`] so far out that every
     /// density underflows even as a logarithm; `out` is then unspecified.
@@ -329,6 +344,21 @@ impl Regressor {
     ///
     /// `dm/dx = sum b_n (A_n + (m_n - m) g_n')` with `g_n = -S_ii,n^-1 (x - mu_i,n)`.
     ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Regressor, Samples};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.0, 0.0], covariances: vec![1.0, 0.8, 0.8, 1.0],
+    /// # };
+    /// let joint = Mixture::new(parts)?; // unit variances, correlation 0.8
+    /// let regressor = Regressor::new(&joint, &[0], &[1])?;
+    /// let mut out = regressor.prediction();
+    /// regressor.predict_with_jacobian_into(&[2.0], &mut out)?;
+    /// assert!((out.jacobian()[0] - 0.8).abs() < 1e-15);
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
     /// # Errors
     /// As [`Regressor::predict_into`].
     pub fn predict_with_jacobian_into(&self, x: &[f64], out: &mut Prediction) -> Result<()> {
@@ -337,6 +367,21 @@ impl Regressor {
     }
 
     /// Mean and responsibilities only; the covariance in `out` keeps its old value.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Regressor, Samples};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.0, 0.0], covariances: vec![1.0, 0.8, 0.8, 1.0],
+    /// # };
+    /// let joint = Mixture::new(parts)?; // unit variances, correlation 0.8
+    /// let regressor = Regressor::new(&joint, &[0], &[1])?;
+    /// let mut out = regressor.prediction();
+    /// regressor.predict_mean_into(&[-1.0], &mut out)?;
+    /// assert!((out.mean()[0] + 0.8).abs() < 1e-15);
+    /// # Ok(())
+    /// # }
+    /// ```
     ///
     /// # Errors
     /// As [`Regressor::predict_into`].
@@ -354,6 +399,20 @@ impl Regressor {
     }
 
     /// Means and covariances of `queries: (n, d_i)`.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Regressor, Samples};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.0, 0.0], covariances: vec![1.0, 0.8, 0.8, 1.0],
+    /// # };
+    /// let joint = Mixture::new(parts)?; // unit variances, correlation 0.8
+    /// let regressor = Regressor::new(&joint, &[0], &[1])?;
+    /// let batch = regressor.predict_batch(&Samples::new(&[0.0, 2.0], 1)?)?;
+    /// assert!(batch.means[0].abs() < 1e-15 && (batch.means[1] - 1.6).abs() < 1e-15);
+    /// # Ok(())
+    /// # }
+    /// ```
     ///
     /// # Errors
     /// As [`Regressor::predict_into`], for the first query that fails.

@@ -153,6 +153,20 @@ pub struct ChangePointParams {
 /// exactly, by dynamic programming with the pruning of Killick, Fearnhead and Eckley (2012); each
 /// element's cost comes from running sums in O(d). Cuts fall halfway between two samples.
 ///
+/// ```
+/// use gmr_core::{ChangePointParams, Trajectory, segment_change_points};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// // Down for a second, then up.
+/// let times: Vec<f64> = (0..=40).map(|i| f64::from(i) * 0.05).collect();
+/// let values = times.iter().map(|t| (t - 1.0).abs()).collect();
+/// let params = ChangePointParams { sigma: 0.01, penalty: Some(10.0), shortest: 3 };
+/// let elements = segment_change_points(&Trajectory::new(times, values, 1)?, &params)?;
+/// assert_eq!(elements.len(), 2);
+/// assert!((elements[0].end_s - 1.0).abs() < 0.051);
+/// # Ok(())
+/// # }
+/// ```
+///
 /// # Errors
 /// A `sigma` or penalty that is not positive, or fewer samples than one element needs.
 pub fn segment_change_points(trajectory: &Trajectory, params: &ChangePointParams) -> Result<Vec<MotionElement>> {

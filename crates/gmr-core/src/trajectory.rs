@@ -98,6 +98,14 @@ impl Trajectory {
     }
 
     /// The same trajectory with its clock starting at zero.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// let late = gmr_core::Trajectory::new(vec![5.0, 6.0], vec![2.0, 4.0], 1)?;
+    /// assert_eq!(late.from_zero().times_s(), [0.0, 1.0]);
+    /// # Ok(())
+    /// # }
+    /// ```
     #[must_use]
     pub fn from_zero(&self) -> Self {
         let start = self.start_s();
@@ -122,6 +130,16 @@ impl Trajectory {
     }
 
     /// Linear interpolation at `time_s`, clamped to the ends, into `out: (d)`.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// let line = gmr_core::Trajectory::new(vec![0.0, 1.0], vec![2.0, 4.0], 1)?;
+    /// let mut out = [0.0];
+    /// line.interpolate_into(0.25, &mut out);
+    /// assert!((out[0] - 2.5).abs() < 1e-15);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn interpolate_into(&self, time_s: f64, out: &mut [f64]) {
         let times = self.times_s();
         let after = times.partition_point(|&t| t <= time_s);
@@ -137,6 +155,14 @@ impl Trajectory {
     }
 
     /// Speed (norm of the central difference, one-sided at the ends) of each sample, `(n)`.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// let line = gmr_core::Trajectory::new(vec![0.0, 1.0, 2.0], vec![0.0, 3.0, 6.0], 1)?;
+    /// assert!(line.speeds().iter().all(|v| (v - 3.0).abs() < 1e-15));
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn speeds(&self) -> Vec<f64> {
         let n = self.len();
         (0..n)

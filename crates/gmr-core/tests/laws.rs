@@ -55,7 +55,7 @@ fn mixture(d: usize, k: usize) -> impl Strategy<Value = Mixture> {
 }
 
 proptest! {
-    #![proptest_config(cases(1500))]
+    #![proptest_config(cases(10_000))]
 
     #[test]
     fn likelihood_never_falls_in_plain_em((d, values) in table(), k in 1usize..4, kind in kinds(), start in starts(), seed in 0u64..1000) {
@@ -79,7 +79,7 @@ proptest! {
 }
 
 proptest! {
-    #![proptest_config(cases(1000))]
+    #![proptest_config(cases(10_000))]
 
     #[test]
     fn likelihood_never_falls_with_missing_values((d, values) in table(), k in 1usize..3, kind in kinds(), holes in prop::collection::vec(0.0f64..1.0, 180)) {

@@ -167,6 +167,14 @@ impl AutoArimaPlan {
 /// KPSS statistic of level stationarity with Bartlett weights up to lag `4 (n / 100)^(1/4)`;
 /// above 0.463 stationarity is rejected at 5 %. A constant series has statistic zero.
 ///
+/// ```
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// // Deviations (-1, 0, 1) with running sums (-1, -1, 0): (2 / 9) / (2 / 3).
+/// assert!((gmr_core::kpss(&[0.0, 1.0, 2.0])? - 1.0 / 3.0).abs() < 1e-15);
+/// # Ok(())
+/// # }
+/// ```
+///
 /// # Errors
 /// Fewer than three values or values that are not finite.
 pub fn kpss(y: &[f64]) -> Result<f64> {

@@ -164,6 +164,16 @@ impl Arima {
     /// Exact log-likelihood of a series (NaN: missing) under this model; for `d > 0` the diffuse
     /// likelihood, which for complete data is that of the differenced series.
     ///
+    /// ```
+    /// # use gmr_core::{Arima, ArimaParts};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// // White noise of variance 1: each zero has density 1 / sqrt(2 pi).
+    /// let noise = Arima::new(ArimaParts { ar: vec![], difference: 0, ma: vec![], mean: 0.0, variance: 1.0 })?;
+    /// assert!((noise.log_likelihood(&[0.0, 0.0])? + 1.837_877_066_409_345_3).abs() < 1e-14);
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
     /// # Errors
     /// Infinite values, or no more observed values than `d`.
     pub fn log_likelihood(&self, y: &[f64]) -> Result<f64> {
@@ -182,6 +192,18 @@ impl Arima {
     }
 
     /// Runs the model over a series (NaN: missing).
+    ///
+    /// ```
+    /// # use gmr_core::{Arima, ArimaParts};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// let model = Arima::new(ArimaParts { ar: vec![0.5], difference: 0, ma: vec![], mean: 0.0, variance: 1.0 })?;
+    /// let run = model.filter(&[0.0, 4.0, 8.0])?;
+    /// // 8 was predicted as half of 4.
+    /// assert!((run.fitted[2].unwrap_or(f64::NAN) - 2.0).abs() < 1e-12);
+    /// assert!((run.residuals[2].map_or(f64::NAN, |r| r.value) - 6.0).abs() < 1e-12);
+    /// # Ok(())
+    /// # }
+    /// ```
     ///
     /// # Errors
     /// Infinite values, or no more observed values than `d`.
@@ -240,6 +262,18 @@ impl ArimaState {
     ///
     /// Costs O(p + q + d) once the filter has settled, O((p + q + d)^2) before and after a gap.
     ///
+    /// ```
+    /// # use gmr_core::{Arima, ArimaParts};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// let model = Arima::new(ArimaParts { ar: vec![0.5], difference: 0, ma: vec![], mean: 0.0, variance: 1.0 })?;
+    /// let mut state = model.filter(&[0.0, 4.0, 8.0])?.state;
+    /// let innovation = state.append(5.0)?; // 4 was predicted
+    /// assert!((innovation.map_or(f64::NAN, |i| i.value) - 1.0).abs() < 1e-12);
+    /// assert!((state.forecast(1)[0].mean - 2.5).abs() < 1e-12);
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
     /// # Errors
     /// An infinite value or one beyond 1e140; the state is then unchanged.
     pub fn append(&mut self, y: f64) -> Result<Option<Innovation>> {
@@ -279,6 +313,17 @@ impl ArimaState {
     }
 
     /// Means and variances of the next `steps` values.
+    ///
+    /// ```
+    /// # use gmr_core::{Arima, ArimaParts};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// // A random walk stays where it is, ever less surely.
+    /// let walk = Arima::new(ArimaParts { ar: vec![], difference: 1, ma: vec![], mean: 0.0, variance: 1.0 })?;
+    /// let ahead = walk.filter(&[1.0, 2.0, 5.0])?.state.forecast(3);
+    /// assert!((ahead[2].mean - 5.0).abs() < 1e-12 && (ahead[2].variance - 3.0).abs() < 1e-12);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn forecast(&self, steps: usize) -> Vec<Forecast> {
         let parts = &self.model.parts;
         let arma = self.model.arma();

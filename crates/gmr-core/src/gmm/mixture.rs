@@ -230,6 +230,17 @@ impl Mixture {
     }
 
     /// Covariance of one component as a full matrix, `(d, d)`.
+    ///
+    /// ```
+    /// use gmr_core::{CovarianceKind, Mixture, MixtureParts};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// let parts = MixtureParts {
+    ///     kind: CovarianceKind::Diagonal, dim: 2, weights: vec![1.0], means: vec![0.0, 0.0], covariances: vec![4.0, 9.0],
+    /// };
+    /// assert_eq!(Mixture::new(parts)?.covariance(0), [4.0, 0.0, 0.0, 9.0]);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn covariance(&self, component: usize) -> Vec<f64> {
         let d = self.dim();
         let stored = &self.parts.covariances;
@@ -268,6 +279,19 @@ impl Mixture {
 
     /// Log density `ln p(x)` of each sample, `(n)`; -inf where no component has a finite one.
     ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Samples};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 1, weights: vec![0.5, 0.5], means: vec![-1.0, 1.0], covariances: vec![1.0, 1.0],
+    /// # };
+    /// let pair = Mixture::new(parts)?; // N(-1, 1) and N(1, 1), half each
+    /// let at_zero = pair.log_densities(&Samples::new(&[0.0], 1)?)?[0];
+    /// assert!((at_zero + 1.418_938_533_204_672_7).abs() < 1e-14); // ln N(1 | 0, 1)
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
     /// # Errors
     /// Wrong dimension or a missing value.
     pub fn log_densities(&self, samples: &Samples<'_>) -> Result<Vec<f64>> {
@@ -280,6 +304,18 @@ impl Mixture {
 
     /// Log density of one point.
     ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Samples};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 1, weights: vec![0.5, 0.5], means: vec![-1.0, 1.0], covariances: vec![1.0, 1.0],
+    /// # };
+    /// let pair = Mixture::new(parts)?; // N(-1, 1) and N(1, 1), half each
+    /// assert!((pair.log_density(&[0.0])? + 1.418_938_533_204_672_7).abs() < 1e-14);
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
     /// # Errors
     /// Wrong dimension or a value that is not finite.
     pub fn log_density(&self, x: &[f64]) -> Result<f64> {
@@ -288,6 +324,20 @@ impl Mixture {
     }
 
     /// Responsibilities `p(n | x)`, `(n, k)` row-major; each row sums to one.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Samples};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 1, weights: vec![0.5, 0.5], means: vec![-1.0, 1.0], covariances: vec![1.0, 1.0],
+    /// # };
+    /// let pair = Mixture::new(parts)?; // N(-1, 1) and N(1, 1), half each
+    /// let r = pair.responsibilities(&Samples::new(&[0.0, 1.0], 1)?)?;
+    /// assert!((r[0] - 0.5).abs() < 1e-15);
+    /// assert!((r[3] - 1.0 / (1.0 + (-2.0_f64).exp())).abs() < 1e-15);
+    /// # Ok(())
+    /// # }
+    /// ```
     ///
     /// # Errors
     /// Wrong dimension, a missing value, or a sample that no component reaches.
@@ -305,6 +355,19 @@ impl Mixture {
 
     /// Log-likelihood of the samples, weighted and summed (nats).
     ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Samples};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 1, weights: vec![0.5, 0.5], means: vec![-1.0, 1.0], covariances: vec![1.0, 1.0],
+    /// # };
+    /// let pair = Mixture::new(parts)?; // N(-1, 1) and N(1, 1), half each
+    /// let samples = Samples::new(&[0.0, 0.0], 1)?.with_weights(&[1.0, 2.0])?;
+    /// assert!((pair.log_likelihood(&samples)? + 3.0 * 1.418_938_533_204_672_7).abs() < 1e-13);
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
     /// # Errors
     /// Wrong dimension or a missing value.
     pub fn log_likelihood(&self, samples: &Samples<'_>) -> Result<f64> {
@@ -318,11 +381,36 @@ impl Mixture {
     }
 
     /// Free parameters: weights, means and covariances.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Samples};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 1, weights: vec![0.5, 0.5], means: vec![-1.0, 1.0], covariances: vec![1.0, 1.0],
+    /// # };
+    /// let pair = Mixture::new(parts)?; // N(-1, 1) and N(1, 1), half each
+    /// assert_eq!(pair.parameters(), 5); // two means, two variances, one free weight
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn parameters(&self) -> usize {
         self.parts.kind.parameters(self.components(), self.dim())
     }
 
     /// Bayesian information criterion on these samples (lower is better).
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Samples};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 1, weights: vec![0.5, 0.5], means: vec![-1.0, 1.0], covariances: vec![1.0, 1.0],
+    /// # };
+    /// let pair = Mixture::new(parts)?; // N(-1, 1) and N(1, 1), half each
+    /// let bic = pair.bic(&Samples::new(&[0.0, 0.0], 1)?)?;
+    /// assert!((bic - (5.0 * 2.0_f64.ln() + 4.0 * 1.418_938_533_204_672_7)).abs() < 1e-13);
+    /// # Ok(())
+    /// # }
+    /// ```
     ///
     /// # Errors
     /// As [`Mixture::log_likelihood`].
@@ -332,6 +420,19 @@ impl Mixture {
 
     /// Akaike information criterion on these samples (lower is better).
     ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Samples};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 1, weights: vec![0.5, 0.5], means: vec![-1.0, 1.0], covariances: vec![1.0, 1.0],
+    /// # };
+    /// let pair = Mixture::new(parts)?; // N(-1, 1) and N(1, 1), half each
+    /// let aic = pair.aic(&Samples::new(&[0.0, 0.0], 1)?)?;
+    /// assert!((aic - (10.0 + 4.0 * 1.418_938_533_204_672_7)).abs() < 1e-13);
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
     /// # Errors
     /// As [`Mixture::log_likelihood`].
     pub fn aic(&self, samples: &Samples<'_>) -> Result<f64> {
@@ -339,6 +440,23 @@ impl Mixture {
     }
 
     /// Draws `n` samples, `(n, d)` row-major, and the component each came from, `(n)`.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Samples};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 1, weights: vec![0.5, 0.5], means: vec![-1.0, 1.0], covariances: vec![1.0, 1.0],
+    /// # };
+    /// let pair = Mixture::new(parts)?; // N(-1, 1) and N(1, 1), half each
+    /// use rand::SeedableRng;
+    /// let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
+    /// let (values, components) = pair.sample(20_000, &mut rng);
+    /// let mean = values.iter().sum::<f64>() / 20_000.0;
+    /// let share = components.iter().filter(|c| **c == 0).count() as f64 / 20_000.0;
+    /// assert!(mean.abs() < 0.05 && (share - 0.5).abs() < 0.02);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn sample(&self, n: usize, rng: &mut impl Rng) -> (Vec<f64>, Vec<usize>) {
         let (k, d) = (self.components(), self.dim());
         let factors: Vec<Vec<f64>> = (0..k)
@@ -371,6 +489,18 @@ impl Mixture {
     }
 
     /// The same mixture with its components in the given order.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Samples};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 1, weights: vec![0.5, 0.5], means: vec![-1.0, 1.0], covariances: vec![1.0, 1.0],
+    /// # };
+    /// let pair = Mixture::new(parts)?; // N(-1, 1) and N(1, 1), half each
+    /// assert_eq!(pair.reordered(&[1, 0])?.means(), [1.0, -1.0]);
+    /// # Ok(())
+    /// # }
+    /// ```
     ///
     /// # Errors
     /// `order` is not a permutation of the components.
