@@ -200,8 +200,22 @@ fn print_table(report: &Report) {
         Some(v) => format!("{v:.3}"),
     };
     let header = [
-        "name", "unit", "ours", "peer", "peer is", "ratio", "ours cpu", "peer cpu", "cpu ratio", "p50", "p99", "min",
-        "max", "n", "note", "note of peer",
+        "name",
+        "unit",
+        "ours",
+        "peer",
+        "peer is",
+        "ratio",
+        "ours cpu",
+        "peer cpu",
+        "cpu ratio",
+        "p50",
+        "p99",
+        "min",
+        "max",
+        "n",
+        "note",
+        "note of peer",
     ];
     let mut table = vec![header.map(str::to_owned).to_vec()];
     for row in &report.rows {

@@ -18,7 +18,8 @@ cargo xtask <task>
                            one step of the gate
   wheel                    build the Python wheel into target/wheels
   vcan-test                the tests that need a real SocketCAN interface
-  bench AREA [--json FILE] measure an area beside its peers and print a table
+  bench AREA [--json FILE] [-- ARGUMENTS OF THE BENCHMARK]
+                           measure an area beside its peers and print a table
                            areas: gmr, kin, motion, can, sim, pose, capture, follow
 ";
 
