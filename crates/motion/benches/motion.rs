@@ -1,11 +1,11 @@
 //! Limits over millions of cases, tracking figures and update time, beside rsruckig. Prints one
 //! JSON document.
 //!
-//! `OGG_WRIST_CSV` names a table with columns `rsho_x` .. `rwri_z` in metres at 60 Hz; without
-//! it the rows of the recording say that they are left out. `OGG_BENCH_SEED` sets the seed,
-//! `OGG_BENCH_SHARE` in (0, 1] runs that share of the cases.
+//! `--wrist FILE` names a table with columns `rsho_x` .. `rwri_z` in metres at 60 Hz; without it the rows of the
+//! recording say that they are left out. `--seed N` sets the seed, `--share X` in (0, 1] runs that share of the cases,
+//! `--tables` the tracking tables alone.
 #![expect(clippy::print_stdout, reason = "the JSON document is the product of this program")]
-#![expect(clippy::disallowed_methods, reason = "a benchmark reads its clock and its environment")]
+#![expect(clippy::disallowed_methods, reason = "a benchmark reads its clock")]
 
 #[path = "motion/cases.rs"]
 mod cases;
@@ -31,21 +31,23 @@ const BANDWIDTH_RAD_S: f64 = 45.0;
 const PEER: &str = "rsruckig state-to-state each cycle, with target velocity";
 
 fn main() {
-    let seed = std::env::var("OGG_BENCH_SEED").ok().and_then(|s| s.parse().ok()).unwrap_or(20_260_101);
-    let share: f64 = std::env::var("OGG_BENCH_SHARE").ok().and_then(|s| s.parse().ok()).unwrap_or(1.0);
+    let seed = argument("--seed").map_or(20_260_101, |s| s.parse().expect("--seed takes a whole number"));
+    let share: f64 = argument("--share").map_or(1.0, |s| s.parse().expect("--share takes a number"));
     let mut rows = Vec::new();
-    for (name, kind, count) in [("random", Kind::Random, 5_000_000.0), ("hostile", Kind::Hostile, 1_000_000.0)] {
-        limit_rows(&mut rows, name, &cases::run(kind, (share * count) as u64, seed), seed);
-    }
-    timing_row(&mut rows);
-    let mut signals = Signal::synthetic();
-    match std::env::var("OGG_WRIST_CSV") {
-        Ok(path) => {
-            let table = std::fs::read_to_string(&path).expect("OGG_WRIST_CSV is readable");
-            signals.push(Signal::recorded(&table).expect("OGG_WRIST_CSV has the wrist's columns"));
+    if !std::env::args().any(|a| a == "--tables") {
+        for (name, kind, count) in [("random", Kind::Random, 5_000_000.0), ("hostile", Kind::Hostile, 1_000_000.0)] {
+            limit_rows(&mut rows, name, &cases::run(kind, (share * count) as u64, seed), seed);
         }
-        Err(_) => rows.push(json!({
-            "name": "recorded wrist", "unit": "", "note": "left out: OGG_WRIST_CSV is not set",
+        timing_row(&mut rows);
+    }
+    let mut signals = Signal::synthetic();
+    match argument("--wrist") {
+        Some(path) => {
+            let table = std::fs::read_to_string(&path).expect("the table of the wrist is readable");
+            signals.push(Signal::recorded(&table).expect("the table of the wrist has its columns"));
+        }
+        None => rows.push(json!({
+            "name": "recorded wrist", "unit": "", "note": "left out: no --wrist FILE",
         })),
     }
     for signal in &signals {
@@ -54,6 +56,12 @@ fn main() {
         }
     }
     println!("{}", json!({ "area": "motion", "rows": rows }));
+}
+
+/// What follows `name` on the command line.
+fn argument(name: &str) -> Option<String> {
+    let mut arguments = std::env::args().skip_while(|a| a != name);
+    arguments.nth(1)
 }
 
 fn limit_rows(rows: &mut Vec<Value>, name: &str, tally: &Tally, seed: u64) {
@@ -81,7 +89,7 @@ fn timing_row(rows: &mut Vec<Value>) {
     let (ours, peer) = (timing::ours(BANDWIDTH_RAD_S), timing::peer());
     rows.push(json!({
         "name": "update of 6 joints", "unit": "us", "ours": ours.p50, "peer": peer.p50,
-        "peer_name": PEER, "ratio": ours.p50 / peer.p50, "p50": ours.p50, "p99": ours.p99,
+        "peer_name": PEER, "ratio": peer.p50 / ours.p50, "p50": ours.p50, "p99": ours.p99,
         "max": ours.max, "n": ours.n,
         "note": format!("mean {:.2}, peer mean {:.2}", ours.mean, peer.mean),
     }));
@@ -98,7 +106,7 @@ fn tracking_rows(rows: &mut Vec<Value>, signal: &Signal, rate_hz: f64) {
         rows.push(json!({
             "name": format!("{} at {rate_hz} Hz, {what}", signal.name), "unit": unit,
             "ours": get(&ours), "peer": get(&moving), "peer_name": PEER,
-            "ratio": get(&ours) / get(&moving),
+            "ratio": get(&moving) / get(&ours),
             "note": format!("to rest at the target: {:.4}; rsruckig Trackig: {:.4}", get(&rest), get(&tracking)),
         }));
     };

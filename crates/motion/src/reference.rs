@@ -26,35 +26,103 @@ pub enum Freshness {
 /// Target intervals shorter than this give no acceleration estimate: noise over almost nothing.
 const SHORTEST_ESTIMATE_S: f64 = 0.005;
 
-/// How much of one interval's acceleration is found again in the next: the coefficient of a
-/// first-order autoregression, fitted on the way with fading memory. Smooth motion gives
-/// nearly 1; noise, or motion too fast for the rate of the targets, gives nearly 0.
+/// Weight of the past per target in all estimates: a memory of about seven targets.
+const MEMORY: f64 = 0.85;
+/// Targets after which the two continuations of a motion have been compared often enough.
+const JUDGED: u32 = 4;
+/// A swing is believed if its squared errors are below this share of the parabola's.
+const SWING_SHARE: f64 = 0.2;
+/// Largest phase between two targets at which a swing is told from noise; at pi it no longer can be.
+const LARGEST_PHASE: f64 = 2.2;
+
+/// How the motion goes on after a sample.
+#[derive(Debug, Clone, Copy, Default)]
+struct Course {
+    acceleration: f64,
+    /// Angular frequency `w` of a swing, whose jerk is `-w^2 v`; zero for constant acceleration.
+    frequency: f64,
+}
+
+impl Course {
+    /// Position relative to the sample, velocity and acceleration after a time, from the sample's velocity.
+    fn after(&self, v: f64, t: f64) -> [f64; 3] {
+        let (a, w) = (self.acceleration, self.frequency);
+        if w * t.abs() < 1e-4 {
+            return [t * (v + a * t / 2.0), v + a * t, a];
+        }
+        let (sine, cosine) = (w * t).sin_cos();
+        // 1 - cos without cancellation.
+        let versed = 2.0 * (w * t / 2.0).sin().powi(2);
+        [v / w * sine + a / (w * w) * versed, v * cosine + a / w * sine, a * cosine - v * w * sine]
+    }
+}
+
+/// Two ways to continue a motion from its last targets, and which of them has lately been right.
+///
+/// The parabola takes a share of the last interval's acceleration: as much as one interval's acceleration is found
+/// again in the next, the coefficient of a first-order autoregression. Smooth motion gives nearly 1; noise
+/// nearly 0. The swing takes the jerk to be `-w^2 v`, as in every motion to and fro, with `w^2` from the same kind of
+/// fit: the velocities then obey `v_{k+1} = 2 cos(w T) v_k - v_{k-1}`, whose acceleration at the newest target is
+/// known and not half an interval old. Both are compared with each new target; the swing is used while it errs less.
 #[derive(Debug, Clone, Copy, Default)]
 struct Trend {
-    last: Option<f64>,
+    /// Acceleration and length of the last interval.
+    last: Option<(f64, f64)>,
     product: f64,
     square: f64,
+    jerk_product: f64,
+    velocity_square: f64,
+    parabola: Course,
+    swing: Course,
+    parabola_error: f64,
+    swing_error: f64,
+    judged: u32,
 }
 
 impl Trend {
-    /// Weight of the past per target: a memory of about seven targets.
-    const MEMORY: f64 = 0.85;
-
-    /// Takes note of the acceleration of the last interval; returns the one to expect next.
-    fn expect_after(&mut self, seen: f64) -> f64 {
-        let Some(last) = self.last.replace(seen) else {
-            return 0.0;
+    /// Takes note of the interval between two targets; returns how the motion goes on after the newer one.
+    fn expect_after(&mut self, old: &Sample, new: &Sample, interval_s: f64) -> Course {
+        let (v0, v1, t) = (old.velocity_rad_s, new.velocity_rad_s, interval_s);
+        let seen = (v1 - v0) / t;
+        let Some((last, last_s)) = self.last.replace((seen, t)) else {
+            return Course::default();
         };
-        self.product = Self::MEMORY * self.product + seen * last;
-        self.square = Self::MEMORY * self.square + last * last;
-        if self.square > 0.0 { (self.product / self.square).clamp(0.0, 1.0) * seen } else { 0.0 }
+        let moved = new.position_rad - old.position_rad;
+        let miss = |course: &Course| (course.after(v0, t)[0] - moved).powi(2);
+        self.parabola_error = MEMORY * self.parabola_error + miss(&self.parabola);
+        self.swing_error = MEMORY * self.swing_error + miss(&self.swing);
+        self.judged += 1;
+
+        self.product = MEMORY * self.product + seen * last;
+        self.square = MEMORY * self.square + last * last;
+        let share = if self.square > 0.0 { (self.product / self.square).clamp(0.0, 1.0) } else { 0.0 };
+        self.parabola = Course { acceleration: share * seen, frequency: 0.0 };
+        self.swing = self.swing_after(v0, v1, seen - last, t, f64::midpoint(t, last_s)).unwrap_or(self.parabola);
+        let swings = self.judged >= JUDGED && self.swing_error < SWING_SHARE * self.parabola_error;
+        if swings { self.swing } else { self.parabola }
+    }
+
+    /// The swing through the velocities `v0` and `v1`, `t` apart, if the fit of the jerks speaks of one.
+    fn swing_after(&mut self, v0: f64, v1: f64, change: f64, t: f64, mean_s: f64) -> Option<Course> {
+        self.jerk_product = MEMORY * self.jerk_product - change / mean_s * v0;
+        self.velocity_square = MEMORY * self.velocity_square + v0 * v0;
+        let cosine = 1.0 - self.jerk_product / self.velocity_square * mean_s * mean_s / 2.0;
+        if !(cosine < 1.0 && cosine > LARGEST_PHASE.cos()) {
+            return None;
+        }
+        let frequency = cosine.acos() / mean_s;
+        if !(1e-3..LARGEST_PHASE).contains(&(frequency * t)) {
+            return None;
+        }
+        let (sine, cosine) = (frequency * t).sin_cos();
+        Some(Course { acceleration: frequency * (v1 * cosine - v0) / sine, frequency })
     }
 }
 
 #[derive(Debug, Clone)]
 pub(crate) struct Reference {
     samples: Vec<Sample>,
-    acceleration: Vec<f64>,
+    course: Vec<Course>,
     trend: Vec<Trend>,
     horizon: Vec<Sample>,
     rows: usize,
@@ -79,7 +147,7 @@ impl Reference {
         let AgePolicy { coast, fade } = params.age;
         Self {
             samples: vec![Sample::new(0.0, 0.0); joints],
-            acceleration: vec![0.0; joints],
+            course: vec![Course::default(); joints],
             trend: vec![Trend::default(); joints],
             horizon: vec![Sample::new(0.0, 0.0); joints * params.horizon_capacity],
             rows: 0,
@@ -115,20 +183,19 @@ impl Reference {
         let comparable = self.seen && (SHORTEST_ESTIMATE_S..=self.coast_s).contains(&interval_s);
         for (joint, new) in target.joints.iter().enumerate() {
             let old = self.samples[joint];
-            let acceleration = &mut self.acceleration[joint];
+            let course = &mut self.course[joint];
             match (self.source, new.acceleration_rad_s2) {
                 (AccelerationSource::Zero, _) | (AccelerationSource::Given, None) => {
-                    *acceleration = 0.0;
+                    *course = Course::default();
                 }
-                (_, Some(given)) => *acceleration = given,
+                (_, Some(acceleration)) => *course = Course { acceleration, frequency: 0.0 },
                 (AccelerationSource::Estimated, None) if comparable => {
-                    let seen = (new.velocity_rad_s - old.velocity_rad_s) / interval_s;
-                    *acceleration = self.trend[joint].expect_after(seen);
+                    *course = self.trend[joint].expect_after(&old, new, interval_s);
                 }
                 // Two targets at almost one instant say nothing new about the acceleration.
                 (AccelerationSource::Estimated, None) if self.seen && interval_s < self.coast_s => {}
                 (AccelerationSource::Estimated, None) => {
-                    *acceleration = 0.0;
+                    *course = Course::default();
                     self.trend[joint] = Trend::default();
                 }
             }
@@ -206,15 +273,11 @@ impl Reference {
             return hermite(row(index), row(index + 1), self.horizon_step_s, u);
         }
         let sample = row(0);
-        let acceleration = self.acceleration[joint];
-        // The acceleration acts within the coasting age to either side of the sample.
+        // The course holds within the coasting age to either side of the sample.
         let bent_s = at_s.clamp(-self.coast_s, self.coast_s);
-        let rate = sample.velocity_rad_s + acceleration * bent_s;
-        let q = sample.position_rad
-            + bent_s * (sample.velocity_rad_s + acceleration * bent_s / 2.0)
-            + (at_s - bent_s) * rate;
+        let [way, rate, bend] = self.course[joint].after(sample.velocity_rad_s, bent_s);
         let inside = (at_s - bent_s).abs() <= 0.0;
-        [q, rate, if inside { acceleration } else { 0.0 }]
+        [sample.position_rad + way + (at_s - bent_s) * rate, rate, if inside { bend } else { 0.0 }]
     }
 }
 
@@ -229,4 +292,58 @@ fn hermite(from: &Sample, to: &Sample, step_s: f64, u: f64) -> [f64; 3] {
         (start + u * (2.0 * square + 3.0 * u * cube)) / step_s,
         (2.0 * square + 6.0 * u * cube) / (step_s * step_s),
     ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Largest miss of the next target by the last `n` of a motion seen every `interval_s`.
+    fn worst_miss(motion: impl Fn(f64) -> (f64, f64), interval_s: f64, targets: u32, last: u32) -> f64 {
+        let sample = |k: u32| {
+            let (p, v) = motion(f64::from(k) * interval_s);
+            Sample::new(p, v)
+        };
+        let mut trend = Trend::default();
+        let mut course = Course::default();
+        let mut worst = 0.0_f64;
+        for k in 1..targets {
+            let (old, new) = (sample(k - 1), sample(k));
+            if k >= targets - last {
+                let reached = old.position_rad + course.after(old.velocity_rad_s, interval_s)[0];
+                worst = worst.max((reached - new.position_rad).abs());
+            }
+            course = trend.expect_after(&old, &new, interval_s);
+        }
+        worst
+    }
+
+    #[test]
+    fn a_sine_seen_five_times_per_period_is_continued_exactly() {
+        let (w, amplitude) = (std::f64::consts::TAU * 3.0, 0.02);
+        let miss = worst_miss(|t| (amplitude * (w * t).sin(), amplitude * w * (w * t).cos()), 1.0 / 15.0, 30, 15);
+        assert!(miss < 1e-12, "{miss}");
+    }
+
+    #[test]
+    fn a_constant_acceleration_is_continued_exactly() {
+        let miss = worst_miss(|t| (0.1 + 0.3 * t + 0.5 * t * t, 0.3 + t), 1.0 / 30.0, 30, 10);
+        assert!(miss < 1e-12, "{miss}");
+    }
+
+    #[test]
+    fn noise_is_not_taken_for_a_swing() {
+        // Velocities without any connection: the guess stays near the last velocity, and none is far off.
+        let noise = |t: f64| (0.0, ((t * 30.0).round() * 12.9898).sin() * 43_758.545_3 % 1.0);
+        let miss = worst_miss(noise, 1.0 / 30.0, 400, 380);
+        assert!(miss < 1.5 / 30.0, "{miss}");
+    }
+
+    #[test]
+    fn a_swing_reaches_back_through_its_last_velocity() {
+        let course = Course { acceleration: 0.4, frequency: 9.0 };
+        let [way, rate, bend] = course.after(0.7, 0.05);
+        let back = Course { acceleration: bend, frequency: 9.0 }.after(rate, -0.05);
+        assert!((back[0] + way).abs() < 1e-15 && (back[1] - 0.7).abs() < 1e-14 && (back[2] - 0.4).abs() < 1e-14);
+    }
 }

@@ -122,6 +122,7 @@ pub enum AccelerationSource {
     Zero,
     /// From the target where it says so, else zero.
     Given,
-    /// From the target where it says so, else from the velocities of the last two targets.
+    /// From the target where it says so, else from the velocities of the last targets: of constant acceleration, or of a
+    /// swing to and fro where that has lately predicted better.
     Estimated,
 }
