@@ -98,6 +98,11 @@ impl Trend {
         let share = if self.square > 0.0 { (self.product / self.square).clamp(0.0, 1.0) } else { 0.0 };
         self.parabola = Course { acceleration: share * seen, frequency: 0.0 };
         self.swing = self.swing_after(v0, v1, seen - last, t, f64::midpoint(t, last_s)).unwrap_or(self.parabola);
+        if !(self.square + self.velocity_square + self.parabola_error + self.swing_error).is_finite() {
+            // A target beyond all measure must not spoil the estimates for ever.
+            *self = Self::default();
+            return Course::default();
+        }
         let swings = self.judged >= JUDGED && self.swing_error < SWING_SHARE * self.parabola_error;
         if swings { self.swing } else { self.parabola }
     }
@@ -337,6 +342,12 @@ mod tests {
         let noise = |t: f64| (0.0, ((t * 30.0).round() * 12.9898).sin() * 43_758.545_3 % 1.0);
         let miss = worst_miss(noise, 1.0 / 30.0, 400, 380);
         assert!(miss < 1.5 / 30.0, "{miss}");
+    }
+
+    #[test]
+    fn an_absurd_target_is_forgotten() {
+        let motion = |t: f64| if (0.49..0.51).contains(&t) { (1e200, -1e200) } else { (0.3 * t, 0.3) };
+        assert!(worst_miss(motion, 0.1, 30, 10) < 1e-12);
     }
 
     #[test]
