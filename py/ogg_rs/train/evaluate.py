@@ -34,7 +34,7 @@ class Runner(Protocol):
     def __call__(self, image: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]: ...
 
 
-def onnx_runner(path: Path, *, threads: int = 2) -> Runner:
+def onnx_runner(path: Path, *, threads: int = 1) -> Runner:
     """Runs an exported network, one picture at a time."""
     import onnxruntime
 
@@ -60,7 +60,7 @@ def torch_runner(network: torch.nn.Module) -> Runner:
     return run
 
 
-def decode_single(pcm: NDArray[np.float32]) -> NDArray[np.float32]:
+def decode_single(pcm: NDArray[np.float32], *, stride: int = STRIDE) -> NDArray[np.float32]:
     """Joints `(b, parts, 3)` as x, y (continuous input pixels) and peak, from maps `(b, parts + 1, h, w)`."""
     batch, maps, height, width = pcm.shape
     joints = np.zeros((batch, maps - 1, 3), np.float32)
@@ -70,7 +70,7 @@ def decode_single(pcm: NDArray[np.float32]) -> NDArray[np.float32]:
             y, x = divmod(int(plane.argmax()), width)
             dx = _vertex(plane[y, x - 1 : x + 2]) if 0 < x < width - 1 else 0.0
             dy = _vertex(plane[y - 1 : y + 2, x]) if 0 < y < height - 1 else 0.0
-            joints[b, j] = (x + 0.5 + dx) * STRIDE, (y + 0.5 + dy) * STRIDE, plane[y, x]
+            joints[b, j] = (x + 0.5 + dx) * stride, (y + 0.5 + dy) * stride, plane[y, x]
     return joints
 
 
@@ -113,17 +113,26 @@ def score(
     run: Runner, cases: list[Case], size: tuple[int, int], normalise: Normalisation, *, skeleton: Skeleton = OPENPOSE18
 ) -> dict[str, Scores]:
     """Scores by joint name over `cases`, each letterboxed to `size` as at run time."""
-    scores = {name: Scores() for name in skeleton.parts}
+    found = []
     for case in tqdm(cases, desc="scoring", unit="img", leave=False):
         pixels, (scale, dx, dy) = augment.letterboxed(case.image, size)
-        image = normalise(torch.from_numpy(pixels[None])).contiguous().numpy()
-        found = decode_single(run(image)[0])[0]
-        places = (found[:, :2] - (dx, dy)) / scale
+        joints = decode_single(run(normalise(torch.from_numpy(pixels[None])).contiguous().numpy())[0])[0]
+        joints[:, :2] = (joints[:, :2] - (dx, dy)) / scale
+        found.append(joints)
+    return score_found(found, cases, skeleton=skeleton)
+
+
+def score_found(
+    found: list[NDArray[np.floating]], cases: list[Case], *, skeleton: Skeleton = OPENPOSE18
+) -> dict[str, Scores]:
+    """Scores by joint name of joints `(parts, 3)` found in the pictures of `cases`, in their pixels."""
+    scores = {name: Scores() for name in skeleton.parts}
+    for joints, case in zip(found, cases, strict=True):
         for j, name in enumerate(skeleton.parts):
             if not case.counts[j]:
                 continue
-            error = float(np.linalg.norm(places[j] - case.joints_px[j]))
-            seen = found[j, 2] >= FLOOR
+            error = float(np.linalg.norm(joints[j, :2] - case.joints_px[j]))
+            seen = joints[j, 2] >= FLOOR
             scores[name].errors.append(error / case.torso_px if seen else float("inf"))
             if seen:
                 scores[name].errors_px.append(error)

@@ -28,8 +28,18 @@ class LastStage(nn.Module):
         super().__init__()
         self.network = network
 
-    def forward(self, image: Tensor) -> tuple[Tensor, Tensor]:
-        return self.network(image)[-1]
+    def forward(self, *inputs: Tensor) -> tuple[Tensor, Tensor]:
+        return self.network(*inputs)[-1]
+
+
+def trace(model: nn.Module, inputs: tuple[Tensor, ...], path: Path, names: list[str]) -> None:
+    """Writes a model of `inputs` called `names` whose answers are `pcm` and `paf`."""
+    with warnings.catch_warnings():
+        # The tracing exporter needs no further package and writes plain convolutions; its notice is about that choice.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        torch.onnx.export(
+            model, inputs, path, input_names=names, output_names=["pcm", "paf"], opset_version=OPSET, dynamo=False
+        )
 
 
 def export(network: nn.Module, size: tuple[int, int], path: Path, *, metadata: dict[str, str] | None = None) -> str:
@@ -43,12 +53,7 @@ def export(network: nn.Module, size: tuple[int, int], path: Path, *, metadata: d
     network = fold_batch_norm(network) if isinstance(network, OggLite) else network.eval()
     model = LastStage(network).eval().to(memory_format=torch.contiguous_format)
     image = torch.from_numpy(np.random.default_rng(0).uniform(-0.5, 0.5, (1, 3, size[1], size[0])).astype(np.float32))
-    with warnings.catch_warnings():
-        # The tracing exporter needs no further package and writes plain convolutions; its notice is about that choice.
-        warnings.simplefilter("ignore", DeprecationWarning)
-        torch.onnx.export(
-            model, (image,), path, input_names=["image"], output_names=["pcm", "paf"], opset_version=OPSET, dynamo=False
-        )
+    trace(model, (image,), path, ["image"])
     proto = onnx.load(path)
     for key, value in (metadata or {}).items():
         entry = proto.metadata_props.add()

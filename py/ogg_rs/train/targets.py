@@ -77,17 +77,18 @@ def encode(
     *,
     sigma_px: float = SIGMA_PX,
     half_width_px: float = LIMB_HALF_WIDTH_PX,
+    stride: int = STRIDE,
 ) -> Maps:
-    """Targets and masks for a batch.
+    """Targets and masks for a batch, one cell for `stride` pixels.
 
     `joints_px (b, people, parts, 2)`, `states (b, people, parts)` of `State`, `boxes_px (b, people, 4)` as
     x0, y0, x1, y1; `size` is the picture's (width, height). Empty person slots have all states `OUTSIDE`.
     """
-    width, height = (side // STRIDE for side in size)
-    if (width * STRIDE, height * STRIDE) != tuple(size):
-        raise ValueError(f"picture size: expected multiples of {STRIDE}, got {size[0]}x{size[1]}")
-    x = (torch.arange(width, dtype=torch.float32) + 0.5) * STRIDE
-    y = (torch.arange(height, dtype=torch.float32) + 0.5) * STRIDE
+    width, height = (side // stride for side in size)
+    if (width * stride, height * stride) != tuple(size):
+        raise ValueError(f"picture size: expected multiples of {stride}, got {size[0]}x{size[1]}")
+    x = (torch.arange(width, dtype=torch.float32) + 0.5) * stride
+    y = (torch.arange(height, dtype=torch.float32) + 0.5) * stride
     labelled, hidden, unknown = (states == s for s in (State.LABELLED, State.HIDDEN, State.UNKNOWN))
     placed = torch.where((labelled | hidden)[..., None], joints_px, torch.zeros_like(joints_px))
 
