@@ -120,7 +120,7 @@ def test_trunk_and_head_joined_answer_as_one_after_the_other(
     out.mkdir()
     path, digest = building.build(out, tmp_path / "head.onnx", None)
     assert f'sha256 = "{digest}"' in (out / "ogg-trunk.toml").read_text()
-    assert "stride = 4" in (out / "ogg-trunk.toml").read_text()
+    assert "stride = 8" in (out / "ogg-trunk.toml").read_text()
 
     image = np.random.default_rng(3).uniform(0, 255, (1, 3, 256, 256)).astype(np.float32)
     trunk = tfjs.to_onnx(small_trunk, {name: node for name, (node, _, _) in FEATURES.items()}, (256, 256))
@@ -128,8 +128,8 @@ def test_trunk_and_head_joined_answer_as_one_after_the_other(
     with torch.no_grad():
         pcm, paf = head(*(torch.from_numpy(f) for f in features))[-1]
     got = onnxruntime.InferenceSession(path).run(["pcm", "paf"], {"image": image})
-    assert got[0].shape == (1, 19, 64, 64)
-    assert got[1].shape == (1, 38, 64, 64)
+    assert got[0].shape == (1, 19, 32, 32)
+    assert got[1].shape == (1, 38, 32, 32)
     assert np.abs(got[0] - pcm.numpy()).max() < 1e-4
     assert np.abs(got[1] - paf.numpy()).max() < 1e-4
 

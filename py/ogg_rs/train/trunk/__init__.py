@@ -7,7 +7,7 @@ rendered people only, committed with the project. `fetch.build` puts both into o
 
 from __future__ import annotations
 
-STRIDE = 4
+STRIDE = 8
 """Input pixels per cell of the head's maps."""
 
 SIZE = (256, 256)

@@ -1,4 +1,10 @@
-"""The head: features of three resolutions, fused, and two stages of maps and fields."""
+"""The head: a linear first stage, and a second one that corrects it.
+
+Everything happens at an eighth of the picture's sides. The trunk's maps at a quarter are folded (each two by two cells become four
+channels), those at a sixteenth enlarged. The first stage is one linear map of what the trunk saw at a cell and around it, so its
+best weights follow from a system of equations (`fitting.solve_first`). The second stage reads the same and the first one's maps and adds a
+correction that starts at zero; it is trained by gradients.
+"""
 
 from __future__ import annotations
 
@@ -10,42 +16,53 @@ from ..nets.lite import ConvBn
 from . import FEATURES
 
 WIDTH = 64
+_CHANNELS = {name: count for name, (_, count, _) in FEATURES.items()}
+AROUND = 4 * _CHANNELS["heat"] + 2 * (_CHANNELS["middle"] + _CHANNELS["middle_body"])
+"""Channels that the first stage reads in the three by three cells around."""
+
+AT = 4 * _CHANNELS["fine"] + 2 * (_CHANNELS["coarse"] + _CHANNELS["coarse_body"])
+"""Channels that it reads at the cell alone."""
+
+
+class Inputs(nn.Module):
+    """The trunk's maps as `(around, at)` of the head: normalised, brought to one size, and joined by their positive halves."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.normalise = nn.ModuleList(nn.BatchNorm2d(count, affine=False, momentum=None) for count in _CHANNELS.values())
+
+    def forward(self, *features: Tensor) -> tuple[Tensor, Tensor]:
+        fine, _, middle, middle_body, coarse, coarse_body = (
+            layer(value) for layer, value in zip(self.normalise, features, strict=True)
+        )
+        likely = functional.pixel_unshuffle(4 * torch.sigmoid(features[1]), 2)
+        near = torch.cat((middle, middle_body), 1)
+        far = functional.interpolate(
+            torch.cat((coarse, coarse_body), 1), scale_factor=2.0, mode="bilinear", align_corners=False
+        )
+        around = torch.cat((likely, near, functional.relu(near)), 1)
+        return around, torch.cat((functional.pixel_unshuffle(fine, 2), far, functional.relu(far)), 1)
 
 
 class Head(nn.Module):
-    """From the trunk's features to `[(pcm, paf), (pcm, paf)]` at a quarter of the picture's sides.
-
-    Each feature is normalised first: the trunk's maps differ in size by factors of ten. The trunk's own keypoint maps enter
-    twice, as logits and as probabilities. The second stage reads the first one's maps, as in OpenPose.
-    """
+    """From the trunk's features to `[(pcm, paf), (pcm, paf)]` at an eighth of the picture's sides."""
 
     def __init__(self, part_maps: int, field_maps: int) -> None:
         super().__init__()
-        self.normalise = nn.ModuleList(nn.BatchNorm2d(channels) for _, channels, _ in FEATURES.values())
-        channels = {name: count for name, (_, count, _) in FEATURES.items()}
-        self.fine = nn.Conv2d(channels["fine"] + 2 * channels["heat"], WIDTH, 1)
-        self.middle = nn.Conv2d(channels["middle"] + channels["middle_body"], WIDTH, 1)
-        self.coarse = nn.Conv2d(channels["coarse"] + channels["coarse_body"], WIDTH, 1)
-        self.mix = nn.Sequential(ConvBn(WIDTH, WIDTH), ConvBn(WIDTH, WIDTH, dilation=2))
+        self.part_maps = part_maps
+        maps = part_maps + field_maps
+        self.inputs = Inputs()
+        self.around = nn.Conv2d(AROUND, maps, 3, padding=1)
+        self.at = nn.Conv2d(AT, maps, 1, bias=False)
         self.refine = nn.Sequential(
-            nn.Conv2d(WIDTH + part_maps + field_maps, WIDTH, 1), nn.ReLU(), ConvBn(WIDTH, WIDTH, dilation=2), ConvBn(WIDTH, WIDTH)
+            nn.Conv2d(AROUND + AT + maps, WIDTH, 1), nn.ReLU(), ConvBn(WIDTH, WIDTH, dilation=2), ConvBn(WIDTH, WIDTH)
         )
-        self.pcm = nn.ModuleList(nn.Conv2d(WIDTH, part_maps, 1) for _ in range(2))
-        self.paf = nn.ModuleList(nn.Conv2d(WIDTH, field_maps, 1) for _ in range(2))
-        for answer in (*self.pcm, *self.paf):
-            nn.init.normal_(answer.weight, std=0.01)
-            nn.init.zeros_(answer.bias)
+        self.correct = nn.Conv2d(WIDTH, maps, 1)
+        nn.init.zeros_(self.correct.weight)
+        nn.init.zeros_(self.correct.bias)
 
     def forward(self, *features: Tensor) -> list[tuple[Tensor, Tensor]]:
-        fine, heat, middle, middle_body, coarse, coarse_body = (
-            layer(value) for layer, value in zip(self.normalise, features, strict=True)
-        )
-        likely = torch.sigmoid(features[1])
-        x = self.fine(torch.cat((fine, heat, 4 * likely), 1))
-        for layer, parts, scale in ((self.middle, (middle, middle_body), 2.0), (self.coarse, (coarse, coarse_body), 4.0)):
-            small = layer(torch.cat(parts, 1))
-            x = x + functional.interpolate(small, scale_factor=scale, mode="bilinear", align_corners=False)
-        x = self.mix(functional.relu(x))
-        first = self.pcm[0](x), self.paf[0](x)
-        y = self.refine(torch.cat((x, *first), 1))
-        return [first, (self.pcm[1](y), self.paf[1](y))]
+        around, at = self.inputs(*features)
+        first = self.around(around) + self.at(at)
+        second = first + self.correct(self.refine(torch.cat((around, at, first), 1)))
+        return [(m[:, : self.part_maps], m[:, self.part_maps :]) for m in (first, second)]
