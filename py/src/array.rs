@@ -7,10 +7,10 @@ use pyo3::prelude::*;
 use crate::failure::Failure;
 
 /// The numbers of a C-contiguous array, without a copy.
-pub(crate) fn borrowed<'a, D: Dimension>(
+pub(crate) fn borrowed<'a, T: Element, D: Dimension>(
     what: &'static str,
-    array: &'a PyReadonlyArray<'_, f64, D>,
-) -> Result<&'a [f64], Failure> {
+    array: &'a PyReadonlyArray<'_, T, D>,
+) -> Result<&'a [T], Failure> {
     if !array.is_c_contiguous() {
         return Err(Failure::Layout { what });
     }
@@ -37,6 +37,15 @@ pub(crate) fn moved3<T: Element>(
     values: Vec<T>,
     shape: [usize; 3],
 ) -> PyResult<Bound<'_, PyArray<T, numpy::Ix3>>> {
+    moved(py, values).reshape(shape)
+}
+
+/// Hands a vector to Python as a four-dimensional array.
+pub(crate) fn moved4<T: Element>(
+    py: Python<'_>,
+    values: Vec<T>,
+    shape: [usize; 4],
+) -> PyResult<Bound<'_, PyArray<T, numpy::Ix4>>> {
     moved(py, values).reshape(shape)
 }
 

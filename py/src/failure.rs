@@ -27,6 +27,21 @@ pub(crate) enum Failure {
     /// Motion models.
     #[error(transparent)]
     Follow(#[from] follow::Error),
+    /// Networks, targets, evaluation.
+    #[error(transparent)]
+    Pose(#[from] pose::Error),
+    /// The simulated arm and worker.
+    #[error(transparent)]
+    Sim(#[from] sim::Error),
+    /// The joint protocol.
+    #[error(transparent)]
+    Can(#[from] can_driver::Error),
+    /// Recordings.
+    #[error(transparent)]
+    Record(#[from] ogg::record::Error),
+    /// A frame under one of the protocol's identifiers that is none of its messages.
+    #[error("frame {id:03X}: expected a message of the joint protocol, got a wrong length, checksum or field")]
+    CorruptFrame { id: u16 },
     /// A file could not be read or written.
     #[error("{}: {source}", path.display())]
     File { path: PathBuf, source: std::io::Error },
@@ -131,6 +146,66 @@ fn class_of_follow(error: &follow::Error) -> Class {
     }
 }
 
+fn class_of_pose(error: &pose::Error) -> Class {
+    use pose::Error as E;
+    match error {
+        E::Read { .. }
+        | E::NotFound { .. }
+        | E::Library { .. }
+        | E::RuntimeConflict { .. }
+        | E::Provider { .. } => Class::Device,
+        E::Inference { .. } | E::NonFinite { .. } => Class::Numerical,
+        E::CardSyntax { .. }
+        | E::CardValue { .. }
+        | E::NoCard { .. }
+        | E::WrongHash { .. }
+        | E::RefusedFile { .. }
+        | E::BadNetwork { .. }
+        | E::WrongShape { .. }
+        | E::Image { .. }
+        | E::Parameter { .. }
+        | E::Length { .. }
+        | E::UnknownModel { .. } => Class::Parameter,
+        _ => Class::Base,
+    }
+}
+
+fn class_of_sim(error: &sim::Error) -> Class {
+    use sim::Error as E;
+    match error {
+        E::Camera(inner) => class_of_kin(inner),
+        E::OutOfRange { .. } | E::Zero { .. } | E::JointCount { .. } | E::Mimic { .. } | E::Massless { .. } => {
+            Class::Parameter
+        }
+        _ => Class::Base,
+    }
+}
+
+fn class_of_can(error: &can_driver::Error) -> Class {
+    use can_driver::Error as E;
+    match error {
+        E::Io { .. } | E::Down { .. } => Class::Device,
+        E::FrameTooLong { .. }
+        | E::AngleOutOfRange { .. }
+        | E::InvalidParameter { .. }
+        | E::InvalidLimit { .. }
+        | E::JointCount { .. }
+        | E::NothingToReset
+        | E::Candump { .. }
+        | E::Dbc(_) => Class::Parameter,
+        _ => Class::Base,
+    }
+}
+
+fn class_of_record(error: &ogg::record::Error) -> Class {
+    use ogg::record::Error as E;
+    match error {
+        E::NotMcap { .. } => Class::Parameter,
+        E::Create { .. } | E::Write { .. } | E::DiskFull { .. } | E::Spawn { .. } | E::Read { .. } => Class::Device,
+        _ => Class::Base,
+    }
+}
+
 /// `NotFinite { what: "samples", .. }` without the names of the enums around it.
 fn detail_of(failure: &Failure) -> String {
     fn debug(error: &impl Debug) -> String {
@@ -141,7 +216,14 @@ fn detail_of(failure: &Failure) -> String {
         Failure::Kin(e) | Failure::Follow(follow::Error::Kin(e)) => debug(e),
         Failure::Motion(e) | Failure::Follow(follow::Error::Motion(e)) => debug(e),
         Failure::Follow(e) => debug(e),
-        Failure::File { .. } | Failure::Layout { .. } | Failure::Argument { .. } => debug(failure),
+        Failure::Pose(e) => debug(e),
+        Failure::Sim(sim::Error::Camera(e)) => debug(e),
+        Failure::Sim(e) => debug(e),
+        Failure::Can(e) => debug(e),
+        Failure::Record(e) => debug(e),
+        Failure::CorruptFrame { .. } | Failure::File { .. } | Failure::Layout { .. } | Failure::Argument { .. } => {
+            debug(failure)
+        }
     }
 }
 
@@ -152,8 +234,12 @@ impl From<Failure> for PyErr {
             Failure::Kin(e) => class_of_kin(e),
             Failure::Motion(e) => class_of_motion(e),
             Failure::Follow(e) => class_of_follow(e),
+            Failure::Pose(e) => class_of_pose(e),
+            Failure::Sim(e) => class_of_sim(e),
+            Failure::Can(e) => class_of_can(e),
+            Failure::Record(e) => class_of_record(e),
             Failure::File { .. } => Class::Device,
-            Failure::Layout { .. } | Failure::Argument { .. } => Class::Parameter,
+            Failure::CorruptFrame { .. } | Failure::Layout { .. } | Failure::Argument { .. } => Class::Parameter,
         };
         let detail = detail_of(&failure);
         let kind: String = detail.chars().take_while(|c| c.is_alphanumeric()).collect();

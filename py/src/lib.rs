@@ -6,11 +6,16 @@
 
 mod arima;
 mod array;
+mod can;
+mod command;
 mod failure;
 mod mixture;
 mod model;
+mod pose;
+mod recording;
 mod regressor;
 mod robot;
+mod sim;
 mod tracker;
 
 /// The extension module `ogg_rs._native`.
@@ -19,13 +24,26 @@ mod _native {
     #[pymodule_export]
     use crate::arima::{Arima, auto_arima, fit_arima};
     #[pymodule_export]
-    use crate::mixture::{Mixture, fit_mixture};
+    use crate::can::{Codec, controller_states, crc16, dbc_text, read_candump, stop_causes};
+    #[pymodule_export]
+    use crate::command::main;
+    #[pymodule_export]
+    use crate::mixture::{Mixture, arima_errors, fit_mixture, select_mixture};
     #[pymodule_export]
     use crate::model::MotionModel;
+    #[pymodule_export]
+    use crate::pose::{
+        Estimator, builtin_cards, coco_sigmas, decode, encode_targets, evaluate_keypoints, fuse_labels,
+        published_limbs, skeleton_sources, skeletons,
+    };
+    #[pymodule_export]
+    use crate::recording::Recording;
     #[pymodule_export]
     use crate::regressor::Regressor;
     #[pymodule_export]
     use crate::robot::Robot;
+    #[pymodule_export]
+    use crate::sim::{Arm, Scene, Worker, random_frame, worker_keypoints};
     #[pymodule_export]
     use crate::tracker::Tracker;
 }

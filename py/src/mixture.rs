@@ -1,6 +1,9 @@
 //! Gaussian mixtures.
 
-use gmr_core::{CovarianceKind, GmmParams, MissingValues, MixtureParts, Samples, Start, Stop};
+use gmr_core::{
+    ArimaOrder, ArimaParams, CovarianceKind, Criterion, FitReport, Fusion, FusionReading, GmmParams, MissingValues,
+    MixtureParts, Samples, Start, Stop, Trajectory,
+};
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
@@ -163,11 +166,73 @@ fn first_largest(row: &[f64]) -> i64 {
     best as i64
 }
 
+/// History, whether it converged, and per step the reliability and the omega of weight fusion.
+type FitAnswer<'py> =
+    (Bound<'py, PyArray1<f64>>, bool, Option<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>)>);
+
+fn answer<'py>(py: Python<'py>, report: FitReport) -> PyResult<FitAnswer<'py>> {
+    let converged = matches!(report.stop, Stop::Converged { .. });
+    let fusion = match report.fusion {
+        None => None,
+        Some(fusion) => {
+            let width = fusion.steps.first().map_or(0, |step| step.omega.len());
+            let shape = [fusion.steps.len(), width];
+            let reliability = fusion.steps.iter().flat_map(|step| step.reliability.iter().copied()).collect();
+            let omega = fusion.steps.iter().flat_map(|step| step.omega.iter().copied()).collect();
+            Some((moved2(py, reliability, shape)?, moved2(py, omega, shape)?))
+        }
+    };
+    Ok((moved(py, report.history), converged, fusion))
+}
+
+/// What a fit does, but for the number of components.
+struct Settings<'a> {
+    covariance: &'a str,
+    init: &'a str,
+    restarts: usize,
+    max_iterations: usize,
+    tolerance: f64,
+    ridge: f64,
+    seed: u64,
+}
+
+impl Settings<'_> {
+    fn params(&self, components: usize, start: Option<PyRef<'_, Mixture>>) -> Result<GmmParams, Failure> {
+        let start = match start {
+            Some(mixture) => Start::Mixture(Box::new(mixture.inner.clone())),
+            None => start_of(self.init)?,
+        };
+        Ok(GmmParams {
+            components,
+            covariance: kind_of(self.covariance)?,
+            start,
+            restarts: self.restarts,
+            max_iterations: self.max_iterations,
+            tolerance: self.tolerance,
+            ridge: self.ridge,
+            floor: 0.0,
+            shrinkage: 0.0,
+            missing: MissingValues::Marginalise,
+            seed: self.seed,
+        })
+    }
+}
+
+fn weighted<'a>(
+    samples: Samples<'a>,
+    weights: Option<&'a PyReadonlyArray1<'_, f64>>,
+) -> Result<Samples<'a>, Failure> {
+    match weights {
+        Some(weights) => Ok(samples.with_weights(borrowed("sample_weight", weights)?)?),
+        None => Ok(samples),
+    }
+}
+
 /// Fits a mixture to `x: (n, d)`, with the interpreter released.
 ///
-/// Returns the mixture, the mean log-likelihood before each M step, and whether the change fell below the tolerance.
+/// `fusion` is one ARIMA error per sample and the reading of equations (11)-(14).
 #[pyfunction]
-#[pyo3(signature = (x, *, components, covariance, init, restarts, max_iterations, tolerance, ridge, seed, weights=None, start=None))]
+#[pyo3(signature = (x, *, components, covariance, init, restarts, max_iterations, tolerance, ridge, seed, weights=None, start=None, fusion=None))]
 #[expect(clippy::too_many_arguments, reason = "a keyword-only Python signature")]
 pub(crate) fn fit_mixture<'py>(
     py: Python<'py>,
@@ -182,29 +247,108 @@ pub(crate) fn fit_mixture<'py>(
     seed: u64,
     weights: Option<PyReadonlyArray1<'py, f64>>,
     start: Option<PyRef<'py, Mixture>>,
-) -> PyResult<(Mixture, Bound<'py, PyArray1<f64>>, bool)> {
-    let mut samples = samples(&x)?;
-    if let Some(weights) = &weights {
-        samples = samples.with_weights(borrowed("sample_weight", weights)?).map_err(Failure::from)?;
+    fusion: Option<(PyReadonlyArray1<'py, f64>, String)>,
+) -> PyResult<(Mixture, FitAnswer<'py>)> {
+    let samples = weighted(samples(&x)?, weights.as_ref())?;
+    let settings = Settings { covariance, init, restarts, max_iterations, tolerance, ridge, seed };
+    let params = settings.params(components, start)?;
+    let fusion = match &fusion {
+        None => None,
+        Some((errors, reading)) => {
+            let errors = borrowed("weight_fusion errors", errors)?;
+            Some(Fusion::new(errors, reading_of(reading)?).map_err(Failure::from)?)
+        }
+    };
+    let fitted = py.detach(|| {
+        let plan = params.validate()?;
+        match &fusion {
+            None => plan.fit(&samples),
+            Some(fusion) => plan.fit_fused(&samples, fusion),
+        }
+    });
+    let (inner, report) = fitted.map_err(Failure::from)?;
+    Ok((Mixture { inner }, answer(py, report)?))
+}
+
+fn reading_of(name: &str) -> Result<FusionReading, Failure> {
+    match name {
+        "components" => Ok(FusionReading::Components),
+        "literal" => Ok(FusionReading::Literal),
+        _ => Err(Failure::Argument {
+            what: "weight_fusion reading",
+            expected: "'components' or 'literal'".to_owned(),
+            got: format!("{name:?}"),
+        }),
     }
-    let start = match start {
-        Some(mixture) => Start::Mixture(Box::new(mixture.inner.clone())),
-        None => start_of(init)?,
+}
+
+/// Fits every number of components up to `most`; the one with the lowest criterion, and the criterion of each (NaN
+/// where no mixture could be fitted).
+#[pyfunction]
+#[pyo3(signature = (x, *, least, most, criterion, covariance, init, restarts, max_iterations, tolerance, ridge, seed, weights=None))]
+#[expect(clippy::too_many_arguments, reason = "a keyword-only Python signature")]
+pub(crate) fn select_mixture<'py>(
+    py: Python<'py>,
+    x: PyReadonlyArray2<'py, f64>,
+    least: usize,
+    most: usize,
+    criterion: &str,
+    covariance: &str,
+    init: &str,
+    restarts: usize,
+    max_iterations: usize,
+    tolerance: f64,
+    ridge: f64,
+    seed: u64,
+    weights: Option<PyReadonlyArray1<'py, f64>>,
+) -> PyResult<(Mixture, Bound<'py, PyArray1<f64>>, FitAnswer<'py>)> {
+    let samples = weighted(samples(&x)?, weights.as_ref())?;
+    let settings = Settings { covariance, init, restarts, max_iterations, tolerance, ridge, seed };
+    let params = settings.params(1, None)?;
+    let criterion = match criterion {
+        "bic" => Criterion::Bic,
+        "aic" => Criterion::Aic,
+        _ => {
+            let (what, expected) = ("criterion", "'bic' or 'aic'".to_owned());
+            return Err(Failure::Argument { what, expected, got: format!("{criterion:?}") }.into());
+        }
     };
-    let params = GmmParams {
-        components,
-        covariance: kind_of(covariance)?,
-        start,
-        restarts,
-        max_iterations,
-        tolerance,
-        ridge,
-        floor: 0.0,
-        shrinkage: 0.0,
-        missing: MissingValues::Marginalise,
-        seed,
+    let found = py.detach(|| gmr_core::select_components(&samples, &params, least..=most, criterion));
+    let mut found = found.map_err(Failure::from)?;
+    let value = |report: &FitReport| match criterion {
+        Criterion::Bic => report.bic,
+        Criterion::Aic => report.aic,
     };
-    let (inner, report) = py.detach(|| params.validate().and_then(|plan| plan.fit(&samples))).map_err(Failure::from)?;
-    let converged = matches!(report.stop, Stop::Converged { .. });
-    Ok((Mixture { inner }, moved(py, report.history), converged))
+    let values = found.table.iter().map(|row| row.result.as_ref().map_or(f64::NAN, value)).collect();
+    let report = found.table.swap_remove(found.best).result.map_err(Failure::from)?;
+    Ok((Mixture { inner: found.mixture }, moved(py, values), answer(py, report)?))
+}
+
+/// Standardised ARIMA errors of the rows of `x: (n, d)`, one demonstration after the other.
+#[pyfunction]
+pub(crate) fn arima_errors<'py>(
+    py: Python<'py>,
+    x: PyReadonlyArray2<'py, f64>,
+    lengths: Vec<usize>,
+    order: (usize, usize, usize),
+) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    let (values, dim) = (borrowed("X", &x)?, x.shape()[1]);
+    let order = ArimaOrder { p: order.0, d: order.1, q: order.2 };
+    let params = ArimaParams { order, constant: order.d == 0, ..ArimaParams::default() };
+    let errors = py.detach(|| {
+        let mut rest = values;
+        let mut demonstrations = Vec::with_capacity(lengths.len());
+        for &length in &lengths {
+            let (rows, others) = rest.split_at_checked(length * dim).ok_or(gmr_core::Error::Length {
+                what: "weight_fusion lengths",
+                expected: values.len() / dim,
+                got: lengths.iter().sum(),
+            })?;
+            let times = (0..length).map(|i| i as f64).collect();
+            demonstrations.push(Trajectory::new(times, rows.to_vec(), dim)?);
+            rest = others;
+        }
+        gmr_core::arima_errors(&demonstrations, &params.validate()?)
+    });
+    Ok(moved(py, errors.map_err(Failure::from)?.errors.concat()))
 }

@@ -1,7 +1,7 @@
 //! Kinematics of a chain read from a URDF.
 
 use kin::{Chain, IkOptions, UrdfOptions};
-use nalgebra::{Isometry3, Matrix3, Matrix6xX, Rotation3, Translation3, UnitQuaternion};
+use nalgebra::{DMatrix, Isometry3, Matrix3, Matrix6xX, Rotation3, Translation3, UnitQuaternion, Vector3};
 use numpy::{PyArray1, PyArray2, PyArray3, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
@@ -20,6 +20,11 @@ type IkAnswer<'py> =
 pub(crate) struct Robot {
     name: String,
     chain: Chain,
+    pub(crate) robot: kin::Robot,
+    /// Place of each joint of the chain in the robot's joint vector.
+    places: Vec<usize>,
+    /// The robot's joint vector with every joint at zero, brought within the limits.
+    rest: Vec<f64>,
 }
 
 impl Robot {
@@ -29,7 +34,20 @@ impl Robot {
             Some(tip) => tip,
             None => only_leaf(robot)?,
         };
-        Ok(Self { name: robot.name().to_owned(), chain: robot.chain(base, tip)? })
+        let chain = robot.chain(base, tip)?;
+        let places = chain.joints().iter().filter_map(|&joint| robot.dof_index(joint)).collect::<Vec<_>>();
+        check_len("joints of the chain that move by themselves", chain.dof(), places.len())?;
+        let rest = robot.dof_joints().map(|joint| 0.0_f64.clamp(joint.limits.lower, joint.limits.upper)).collect();
+        Ok(Self { name: robot.name().to_owned(), chain, robot: robot.clone(), places, rest })
+    }
+
+    /// A vector of the chain as one of the robot: other joints as in `others`.
+    fn spread(&self, values: &[f64], others: &[f64]) -> Vec<f64> {
+        let mut all = others.to_vec();
+        for (&place, value) in self.places.iter().zip(values) {
+            all[place] = *value;
+        }
+        all
     }
 
     fn joint_vectors<'a>(&self, q: &'a PyReadonlyArray2<'_, f64>) -> Result<&'a [f64], Failure> {
@@ -164,5 +182,56 @@ impl Robot {
             moved(py, reports.iter().map(|r| r.position_error_m).collect()),
             moved(py, reports.iter().map(|r| r.rotation_error_rad).collect()),
         ))
+    }
+
+    /// `(m, n)` to `(m, n, n)`.
+    fn mass_matrix<'py>(&self, py: Python<'py>, q: PyReadonlyArray2<'py, f64>) -> PyResult<Bound<'py, PyArray3<f64>>> {
+        let (values, n) = (self.joint_vectors(&q)?, self.chain.dof());
+        let entries = py.detach(|| {
+            let dynamics = self.robot.dynamics(Vector3::zeros());
+            let mut scratch = dynamics.scratch();
+            let mut matrix = DMatrix::zeros(dynamics.dof(), dynamics.dof());
+            let mut entries = Vec::with_capacity(values.len() * n);
+            for q in values.chunks_exact(n) {
+                dynamics.mass_matrix(&self.spread(q, &self.rest), &mut scratch, &mut matrix)?;
+                let rows = self.places.iter().flat_map(|&i| self.places.iter().map(move |&j| (i, j)));
+                entries.extend(rows.map(|at| matrix[at]));
+            }
+            Ok::<_, kin::Error>(entries)
+        });
+        moved3(py, entries.map_err(Failure::from)?, [q.shape()[0], n, n])
+    }
+
+    /// Three times `(m, n)` and gravity in the root link to `(m, n)`.
+    fn inverse_dynamics<'py>(
+        &self,
+        py: Python<'py>,
+        q: PyReadonlyArray2<'py, f64>,
+        qd: PyReadonlyArray2<'py, f64>,
+        qdd: PyReadonlyArray2<'py, f64>,
+        gravity_m_s2: [f64; 3],
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let n = self.chain.dof();
+        check_len("rows of qd", q.shape()[0], qd.shape()[0])?;
+        check_len("rows of qdd", q.shape()[0], qdd.shape()[0])?;
+        check_finite("gravity", &gravity_m_s2)?;
+        let [q_rows, qd_rows, qdd_rows] =
+            [self.joint_vectors(&q)?, self.joint_vectors(&qd)?, self.joint_vectors(&qdd)?];
+        let efforts = py.detach(|| {
+            let dynamics = self.robot.dynamics(Vector3::from(gravity_m_s2));
+            let mut scratch = dynamics.scratch();
+            let still = vec![0.0; dynamics.dof()];
+            let mut all = vec![0.0; dynamics.dof()];
+            let mut efforts = Vec::with_capacity(q_rows.len());
+            let rows = q_rows.chunks_exact(n).zip(qd_rows.chunks_exact(n)).zip(qdd_rows.chunks_exact(n));
+            for ((q, qd), qdd) in rows {
+                let (q, qd, qdd) =
+                    (self.spread(q, &self.rest), self.spread(qd, &still), self.spread(qdd, &still));
+                dynamics.inverse_dynamics(&q, &qd, &qdd, &mut scratch, &mut all)?;
+                efforts.extend(self.places.iter().map(|&place| all[place]));
+            }
+            Ok::<_, kin::Error>(efforts)
+        });
+        moved2(py, efforts.map_err(Failure::from)?, [q.shape()[0], n])
     }
 }

@@ -2,16 +2,6 @@
 
 use std::process::ExitCode;
 
-use clap::Parser as _;
-
 fn main() -> ExitCode {
-    let cli = ogg::cli::Cli::parse();
-    ogg::commands::init_log();
-    match ogg::commands::run(cli) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            ogg::commands::print_error(&error);
-            ExitCode::from(error.exit_code())
-        }
-    }
+    ExitCode::from(ogg::commands::main(std::env::args_os()))
 }

@@ -7,11 +7,34 @@ mod inspect;
 mod options;
 
 use std::error::Error as _;
+use std::ffi::OsString;
 use std::io::IsTerminal as _;
+
+use clap::Parser as _;
 
 use crate::cli::{Cli, Command, Follow};
 use crate::config::BUILTIN_CELL;
 use crate::error::Error;
+
+/// The whole command: arguments, the program's name first, to exit code. Ends no process, so that a host program may call it.
+pub fn main(arguments: impl IntoIterator<Item = OsString>) -> u8 {
+    let cli = match Cli::try_parse_from(arguments) {
+        Ok(cli) => cli,
+        Err(answer) => {
+            // Help and version are answers, too; where nobody reads them there is nobody to tell.
+            let _ = answer.print();
+            return u8::try_from(answer.exit_code()).unwrap_or(2);
+        }
+    };
+    init_log();
+    match run(cli) {
+        Ok(()) => 0,
+        Err(error) => {
+            print_error(&error);
+            error.exit_code()
+        }
+    }
+}
 
 /// Runs what the command line asks for.
 ///
