@@ -15,11 +15,20 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from . import errors
-from .errors import ConvergenceWarning, DeviceError, InvalidParameter, NotFitted, NumericalError, OggError
+from .errors import (
+    ConvergenceWarning,
+    DeviceError,
+    InvalidParameter,
+    MissingDependency,
+    NotFitted,
+    NumericalError,
+    OggError,
+)
 
 if TYPE_CHECKING:
-    from . import kin, motion
+    from . import can, kin, motion, plot, pose, recording, sim
     from ._arima import Arima, auto_arima
+    from ._fusion import WeightFusion
     from ._mixture import GaussianMixture
     from ._model import MotionModel
     from ._regressor import GaussianMixtureRegressor
@@ -31,14 +40,21 @@ __all__ = [
     "GaussianMixture",
     "GaussianMixtureRegressor",
     "InvalidParameter",
+    "MissingDependency",
     "MotionModel",
     "NotFitted",
     "NumericalError",
     "OggError",
+    "WeightFusion",
     "auto_arima",
+    "can",
     "errors",
     "kin",
     "motion",
+    "plot",
+    "pose",
+    "recording",
+    "sim",
 ]
 
 _HOMES = {
@@ -46,14 +62,16 @@ _HOMES = {
     "GaussianMixture": "_mixture",
     "GaussianMixtureRegressor": "_regressor",
     "MotionModel": "_model",
+    "WeightFusion": "_fusion",
     "auto_arima": "_arima",
 }
+_MODULES = ("can", "kin", "motion", "plot", "pose", "recording", "sim")
 
 
 def __getattr__(name: str) -> Any:
     if name in _HOMES:
         value = getattr(import_module(f".{_HOMES[name]}", __name__), name)
-    elif name in ("kin", "motion"):
+    elif name in _MODULES:
         value = import_module(f".{name}", __name__)
     else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from . import _native
 from ._arrays import FloatArray, count, real, rows, vector
 from ._estimator import Estimator, RandomState, legacy_random
-from ._start import covariance_shape, precision_factors, start_mixture
-from .errors import ConvergenceWarning, NotFitted
+from ._fusion import WeightFusion, fusion_errors
+from ._start import covariance_shape, from_responsibilities, precision_factors, start_mixture
+from .errors import ConvergenceWarning, InvalidParameter, NotFitted, NumericalError
 
 Self = TypeVar("Self", bound="MixtureEstimator")
 
@@ -29,6 +30,8 @@ class MixtureEstimator(Estimator):
     n_iter_: int
     lower_bound_: float
     lower_bounds_: FloatArray
+    fusion_reliability_: FloatArray
+    fusion_omega_: FloatArray
 
     def __init__(
         self,
@@ -45,6 +48,7 @@ class MixtureEstimator(Estimator):
         weights_init: ArrayLike | None = None,
         means_init: ArrayLike | None = None,
         precisions_init: ArrayLike | None = None,
+        weight_fusion: str | WeightFusion | None = None,
     ) -> None:
         self.n_components = n_components
         self.covariance_type = covariance_type
@@ -58,6 +62,7 @@ class MixtureEstimator(Estimator):
         self.weights_init = weights_init
         self.means_init = means_init
         self.precisions_init = precisions_init
+        self.weight_fusion = weight_fusion
 
     @property
     def _fitted(self) -> _native.Mixture:
@@ -69,39 +74,95 @@ class MixtureEstimator(Estimator):
     def __sklearn_is_fitted__(self) -> bool:
         return "_mixture" in self.__dict__
 
+    def _settings(self) -> dict[str, Any]:
+        """What the native fit is told, but for components, restarts and start."""
+        if self.init_params not in ("kmeans", "k-means++", "random", "random_from_data"):
+            raise InvalidParameter(
+                "init_params: expected 'kmeans', 'k-means++', 'random' or 'random_from_data', "
+                f"got {self.init_params!r}",
+                "Domain",
+            )
+        return {
+            "covariance": self.covariance_type,
+            "init": self.init_params,
+            "max_iterations": count("max_iter", self.max_iter, 1),
+            "tolerance": real("tol", self.tol),
+            "ridge": real("reg_covar", self.reg_covar),
+        }
+
     def _fit_joint(self, x: FloatArray, sample_weight: ArrayLike | None) -> None:
-        k, kind = count("n_components", self.n_components, 1), self.covariance_type
-        covariance_shape(kind, k, x.shape[1])
-        ridge = real("reg_covar", self.reg_covar)
-        weights = None if sample_weight is None else vector("sample_weight", sample_weight, x.shape[0])
-        start = self.__dict__.get("_mixture") if self.warm_start else None
-        if start is None:
-            start = start_mixture(x, k, kind, ridge, self.means_init, self.weights_init, self.precisions_init)
-        restarts = count("n_init", self.n_init, 1) if start is None else 1
-        mixture, history, converged = _native.fit_mixture(
-            x,
-            components=k,
-            covariance=kind,
-            init=self.init_params,
-            restarts=restarts,
-            max_iterations=count("max_iter", self.max_iter, 1),
-            tolerance=real("tol", self.tol),
-            ridge=ridge,
-            seed=int(legacy_random(self.random_state).randint(2**31)),
-            weights=weights,
-            start=start,
-        )
-        self._take(mixture)
-        self.converged_ = converged
-        self.n_iter_ = len(history)
-        self.lower_bounds_ = history
-        self.lower_bound_ = float(history[-1])
-        if not converged:
+        k = count("n_components", self.n_components, 1)
+        covariance_shape(self.covariance_type, k, x.shape[1])
+        settings = self._settings()
+        restarts = count("n_init", self.n_init, 1)
+        settings["components"] = k
+        settings["weights"] = None if sample_weight is None else vector("sample_weight", sample_weight, x.shape[0])
+        settings["fusion"] = fusion_errors(x, self.weight_fusion)
+        random = legacy_random(self.random_state)
+        previous: _native.Mixture | None = self.__dict__.get("_mixture") if self.warm_start else None
+        if previous is not None:
+            fit = _native.fit_mixture(x, restarts=1, seed=0, start=previous, **settings)
+        elif self.init_params == "random":
+            fit = self._fit_random(x, k, restarts, random, settings)
+        else:
+            settings["seed"] = int(random.randint(2**31))
+            start = self._given_start(x, k, settings)
+            fit = _native.fit_mixture(x, restarts=restarts if start is None else 1, start=start, **settings)
+        self._take_fit(*fit)
+        if not self.converged_:
             warnings.warn(
                 f"the fit did not converge to tol={self.tol} in max_iter={self.max_iter} iterations",
                 ConvergenceWarning,
                 stacklevel=3,
             )
+
+    def _given_start(self, x: FloatArray, k: int, settings: dict[str, Any]) -> _native.Mixture | None:
+        given = (self.weights_init, self.means_init, self.precisions_init)
+        if all(value is None for value in given):
+            return None
+        first: _native.Mixture | None = None
+        if self.means_init is None:
+            # Means that nobody gave are those after one step from `init_params`.
+            one_step = {**settings, "max_iterations": 1, "fusion": None}
+            first = _native.fit_mixture(x, restarts=1, **one_step)[0]
+        return start_mixture(x, k, self.covariance_type, settings["ridge"], given, first)
+
+    def _fit_random(
+        self, x: FloatArray, k: int, restarts: int, random: np.random.RandomState, settings: dict[str, Any]
+    ) -> tuple[_native.Mixture, tuple[FloatArray, bool, tuple[FloatArray, FloatArray] | None]]:
+        """Starts at responsibilities drawn as scikit-learn draws them; the likeliest end is kept."""
+        best, last = None, None
+        for _ in range(restarts):
+            shares = random.uniform(size=(x.shape[0], k))
+            shares /= shares.sum(axis=1)[:, np.newaxis]
+            first = from_responsibilities(self.covariance_type, x, shares, settings["ridge"], settings["weights"])
+            given = (self.weights_init, self.means_init, self.precisions_init)
+            start = start_mixture(x, k, self.covariance_type, settings["ridge"], given, first)
+            try:
+                fit = _native.fit_mixture(x, restarts=1, seed=0, start=start, **{**settings, "init": "kmeans"})
+            except NumericalError as error:
+                last = error
+                continue
+            if best is None or fit[1][0][-1] > best[1][0][-1]:
+                best = fit
+        if best is None:
+            raise NumericalError(f"all {restarts} restarts failed, the last with: {last}", "AllRestartsFailed") from last
+        return best
+
+    def _take_fit(
+        self,
+        mixture: _native.Mixture,
+        report: tuple[FloatArray, bool, tuple[FloatArray, FloatArray] | None],
+    ) -> None:
+        history, self.converged_, fused = report
+        self._take(mixture)
+        self.n_iter_ = len(history)
+        self.lower_bounds_ = history
+        self.lower_bound_ = float(history[-1])
+        for name in ("fusion_reliability_", "fusion_omega_"):
+            self.__dict__.pop(name, None)
+        if fused is not None:
+            self.fusion_reliability_, self.fusion_omega_ = fused
 
     def _take(self, mixture: _native.Mixture) -> None:
         self._mixture = mixture
@@ -124,12 +185,16 @@ class GaussianMixture(MixtureEstimator):
         reg_covar: Added to every variance in every step.
         max_iter: Steps at most, per start.
         n_init: Independent starts, fitted in parallel; the likeliest is kept.
-        init_params: `"kmeans"`, `"k-means++"` or `"random_from_data"`.
+        init_params: `"kmeans"`, `"k-means++"`, `"random_from_data"`, or `"random"` (responsibilities drawn at random, the
+            same as scikit-learn's from the same seed).
         random_state: Seed or generator of the start and of `sample`.
         warm_start: Begin at the last fit.
-        weights_init: `(k,)` weights to begin at; needs `means_init`.
-        means_init: `(k, d)` means to begin at. What is not given with them is taken from the samples nearest to each.
-        precisions_init: Inverse covariances to begin at, in the shape of `covariances_`; needs `means_init`.
+        weights_init: `(k,)` weights to begin at.
+        means_init: `(k, d)` means to begin at; without them, those after one step from `init_params`. Weights and
+            precisions that are not given are taken from the samples nearest to each.
+        precisions_init: Inverse covariances to begin at, in the shape of `covariances_`.
+        weight_fusion: Fuse the weights with ARIMA models of the rows of `X`, which are then in order of time:
+            `"components"`, `"literal"` or a `WeightFusion`.
 
     Attributes:
         weights_: `(k,)`.
@@ -140,6 +205,8 @@ class GaussianMixture(MixtureEstimator):
         n_iter_: Steps of the kept start.
         lower_bound_: Mean log-likelihood per sample before the last step.
         lower_bounds_: The same before every step, `(n_iter_,)`.
+        fusion_reliability_, fusion_omega_: With `weight_fusion`, R and omega of (11)-(13) after the first step and every
+            later one, `(steps, k)`.
 
     >>> import numpy as np
     >>> x = np.array([[0.0], [2.0]])
@@ -231,3 +298,62 @@ class GaussianMixture(MixtureEstimator):
         out._take(mixture.condition(chosen, given.tolist()))
         out.n_features_in_ = self.n_features_in_ - len(chosen)
         return out
+
+    def select_order(
+        self: Self,
+        X: ArrayLike,
+        y: Any = None,
+        *,
+        k_max: int = 10,
+        k_min: int = 1,
+        criterion: str = "bic",
+        sample_weight: ArrayLike | None = None,
+    ) -> Self:
+        """Fits every number of components from `k_min` to `k_max`, in parallel, and keeps the lowest criterion.
+
+        Sets `n_components` to the best number and leaves this estimator fitted with it. `order_criteria_` holds the
+        criterion of each number, `(k_max - k_min + 1,)`; NaN where no mixture could be fitted.
+
+        Args:
+            X: Samples `(n, d)`. NaN is a value that was not seen.
+            y: Ignored.
+            k_max: Largest number of components.
+            k_min: Smallest number of components.
+            criterion: `"bic"` or `"aic"`.
+            sample_weight: `(n,)`.
+
+        Raises:
+            InvalidParameter: A start is given, which fits one number of components only, or weights are to be fused.
+            NumericalError: No number of components could be fitted.
+
+        >>> import numpy as np
+        >>> x = np.array([[i % 3 * 10 + 0.1 * np.sin(1.7 * i)] for i in range(90)])
+        >>> GaussianMixture(random_state=0).select_order(x, k_max=5).n_components
+        3
+        """
+        x = rows("X", X)
+        least = count("k_min", k_min, 1)
+        most = count("k_max", k_max, least)
+        given = (self.weights_init, self.means_init, self.precisions_init, self.weight_fusion)
+        if any(value is not None for value in given) or self.init_params == "random":
+            raise InvalidParameter(
+                "select_order: expected no weights_init, means_init, precisions_init or weight_fusion, and a start "
+                "other than 'random'",
+                "Conflict",
+            )
+        covariance_shape(self.covariance_type, 1, x.shape[1])
+        mixture, criteria, report = _native.select_mixture(
+            x,
+            least=least,
+            most=most,
+            criterion=criterion,
+            restarts=count("n_init", self.n_init, 1),
+            seed=int(legacy_random(self.random_state).randint(2**31)),
+            weights=None if sample_weight is None else vector("sample_weight", sample_weight, x.shape[0]),
+            **self._settings(),
+        )
+        self._take_fit(mixture, report)
+        self.n_components = len(self.weights_)
+        self.n_features_in_ = x.shape[1]
+        self.order_criteria_ = criteria
+        return self

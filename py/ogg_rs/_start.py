@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -54,53 +52,84 @@ def start_mixture(
     k: int,
     kind: str,
     reg_covar: float,
-    means: ArrayLike | None,
-    weights: ArrayLike | None,
-    precisions: ArrayLike | None,
-) -> Any:
-    """The mixture described by `means_init`, `weights_init` and `precisions_init`; None without any of them.
+    given: tuple[ArrayLike | None, ArrayLike | None, ArrayLike | None],
+    first: _native.Mixture | None,
+) -> _native.Mixture:
+    """The mixture described by weights, means and precisions.
 
-    What is not given is taken from the samples nearest to each mean.
+    What is not given is taken from `first`; without it, from the samples nearest to each mean.
 
     Raises:
-        InvalidParameter: Weights or precisions without means, a wrong shape, or a mean without samples.
+        InvalidParameter: A wrong shape, or a mean without samples.
     """
-    if means is None:
-        if weights is not None or precisions is not None:
-            raise InvalidParameter("weights_init, precisions_init: expected means_init with them", "Missing")
-        return None
-    d = x.shape[1]
-    shape = covariance_shape(kind, k, d)
-    centres = floats("means_init", means)
-    if centres.shape != (k, d):
-        raise InvalidParameter(f"means_init: expected shape {(k, d)}, got {centres.shape}", "Shape")
+    weights, means, precisions = given
+    shape = covariance_shape(kind, k, x.shape[1])
+    centres: FloatArray | None = None
+    if means is not None:
+        centres = floats("means_init", means)
+        if centres.shape != (k, x.shape[1]):
+            raise InvalidParameter(f"means_init: expected shape {(k, x.shape[1])}, got {centres.shape}", "Shape")
     covariances: FloatArray | None = None
     if precisions is not None:
-        given = floats("precisions_init", precisions)
-        if given.shape != shape:
-            raise InvalidParameter(f"precisions_init: expected shape {shape}, got {given.shape}", "Shape")
-        covariances = inverted(kind, given)
+        inverse = floats("precisions_init", precisions)
+        if inverse.shape != shape:
+            raise InvalidParameter(f"precisions_init: expected shape {shape}, got {inverse.shape}", "Shape")
+        covariances = inverted(kind, inverse)
     shares = None if weights is None else vector("weights_init", weights, k)
+    if first is not None:
+        centres = first.means if centres is None else centres
+        shares = first.weights if shares is None else shares
+        covariances = first.covariances.reshape(shape) if covariances is None else covariances
+    assert centres is not None, "either means or a first mixture are given"
     if covariances is None or shares is None:
         complete = x[~np.isnan(x).any(axis=1)]
-        labels = np.argmin([((complete - centre) ** 2).sum(axis=1) for centre in centres], axis=0)
+        distances = [((complete - centre) ** 2).sum(axis=1) for centre in centres]
+        labels = np.argmin(distances, axis=0)
         counts = np.bincount(labels, minlength=k)
         if not counts.all():
             empty = int(np.argmin(counts))
             raise InvalidParameter(f"means_init: no sample is nearest to mean {empty}", "EmptyComponent")
         shares = counts / counts.sum() if shares is None else shares
         if covariances is None:
-            covariances = _scatter(kind, complete, labels, k, reg_covar)
+            covariances = _moments(kind, complete, np.eye(k)[labels], reg_covar)[2]
     return _native.Mixture(kind, shares.tolist(), centres, covariances)
 
 
-def _scatter(kind: str, x: FloatArray, labels: Any, k: int, reg_covar: float) -> FloatArray:
-    groups = [x[labels == c] for c in range(k)]
-    full = np.stack([np.atleast_2d(np.cov(g, rowvar=False, bias=True)) for g in groups])
-    full += reg_covar * np.eye(x.shape[1])
-    if kind == "full":
-        return full
-    if kind == "tied":
-        return np.ascontiguousarray(np.einsum("k,kij->ij", [len(g) / len(x) for g in groups], full))
-    variances = np.ascontiguousarray(np.diagonal(full, axis1=1, axis2=2))
-    return variances if kind == "diag" else variances.mean(axis=1)
+def from_responsibilities(
+    kind: str, x: FloatArray, shares: FloatArray, reg_covar: float, sample_weight: FloatArray | None
+) -> _native.Mixture:
+    """The mixture of an M step with these responsibilities `(n, k)`; rows with NaN are left out.
+
+    Raises:
+        InvalidParameter: Every row has a NaN.
+    """
+    if sample_weight is not None:
+        shares = shares * sample_weight[:, np.newaxis]
+    seen = ~np.isnan(x).any(axis=1)
+    if not seen.any():
+        raise InvalidParameter("init_params: 'random' needs a row without NaN", "TooFewSamples")
+    weights, means, covariances = _moments(kind, x[seen], shares[seen], reg_covar)
+    return _native.Mixture(kind, weights.tolist(), means, covariances)
+
+
+def _moments(
+    kind: str, x: FloatArray, shares: FloatArray, reg_covar: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Weights, means and covariances of responsibilities."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        mass = shares.sum(axis=0) + 10.0 * np.finfo(np.float64).eps
+        means = shares.T @ x / mass[:, np.newaxis]
+        full = np.empty((len(mass), x.shape[1], x.shape[1]))
+        for i, mean in enumerate(means):
+            centred = x - mean
+            full[i] = (shares[:, i] * centred.T) @ centred / mass[i]
+        full = 0.5 * (full + full.swapaxes(-1, -2)) + reg_covar * np.eye(x.shape[1])
+        weights = mass / mass.sum()
+        if kind == "full":
+            covariances = full
+        elif kind == "tied":
+            covariances = np.einsum("k,kij->ij", weights, full)
+        else:
+            covariances = np.diagonal(full, axis1=1, axis2=2)
+            covariances = covariances.mean(axis=1) if kind == "spherical" else covariances
+    return weights, np.ascontiguousarray(means), np.ascontiguousarray(covariances)

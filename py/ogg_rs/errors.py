@@ -49,5 +49,9 @@ class NotFitted(OggError, ValueError, AttributeError):
         super().__init__(message, kind, detail)
 
 
+class MissingDependency(OggError, ImportError):
+    """A function needs a package that is not installed."""
+
+
 class ConvergenceWarning(UserWarning):
     """A fit used up its iterations before the change fell below the tolerance."""

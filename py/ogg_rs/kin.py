@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native
-from ._arrays import FloatArray, batch
+from ._arrays import FloatArray, batch, vector
+from .errors import InvalidParameter
 
 __all__ = ["IkResult", "Robot"]
 
@@ -120,17 +121,56 @@ class Robot:
             seed = np.clip(np.zeros(len(limits)), limits[:, 0], limits[:, 1])
         seeds, lead = batch("seed", seed, (len(limits),))
         if lead != shape:
-            seeds = np.ascontiguousarray(_broadcast(seeds.reshape((*lead, -1)), (*shape, len(limits))))
+            seeds = np.ascontiguousarray(_broadcast("seed", seeds.reshape((*lead, -1)), (*shape, len(limits))))
         q, reached, position, rotation = self._native.ik(poses, seeds.reshape((len(poses), len(limits))))
         return IkResult(
             q.reshape((*shape, len(limits))), reached.reshape(shape), position.reshape(shape), rotation.reshape(shape)
         )
 
+    def mass_matrix(self, q: ArrayLike) -> FloatArray:
+        """Mass matrix, `(..., n)` to `(..., n, n)`: kg m^2 between joints that turn, kg between joints that slide.
 
-def _broadcast(values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
-    from .errors import InvalidParameter
+        Joints of the robot that are not in the chain stand at zero, or at the limit next to it.
+        """
+        n = len(self.joint_names)
+        joints, shape = batch("q", q, (n,))
+        return self._native.mass_matrix(joints).reshape((*shape, n, n))
 
+    def inverse_dynamics(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike | None = None,
+        qdd: ArrayLike | None = None,
+        *,
+        gravity_m_s2: ArrayLike = (0.0, 0.0, -9.81),
+    ) -> FloatArray:
+        """Torque (N m) or force (N) of each joint for a motion, `(..., n)`. Friction and damping are not part of it.
+
+        Joints of the robot that are not in the chain rest at zero, or at the limit next to it.
+
+        Args:
+            q: Joint values, `(..., n)`.
+            qd: Their speeds, of the same shape or `(n,)`; zero by default.
+            qdd: Their accelerations, of the same shape or `(n,)`; zero by default.
+            gravity_m_s2: Gravity in the root link, `(3,)`.
+
+        Raises:
+            InvalidParameter: A shape does not fit, or a number is not finite.
+        """
+        n = len(self.joint_names)
+        joints, shape = batch("q", q, (n,))
+        rates = []
+        for what, given in (("qd", qd), ("qdd", qdd)):
+            rows, lead = batch(what, np.zeros(n) if given is None else given, (n,))
+            if lead != shape:
+                rows = _broadcast(what, rows.reshape((*lead, n)), (*shape, n)).reshape((-1, n))
+            rates.append(np.ascontiguousarray(rows))
+        gravity = vector("gravity_m_s2", gravity_m_s2, 3).tolist()
+        return self._native.inverse_dynamics(joints, rates[0], rates[1], gravity).reshape((*shape, n))
+
+
+def _broadcast(what: str, values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
     try:
         return np.broadcast_to(values, shape)
     except ValueError as error:
-        raise InvalidParameter(f"seed: expected {shape[-1:]} or {shape}, got {values.shape}", "Shape") from error
+        raise InvalidParameter(f"{what}: expected {shape[-1:]} or {shape}, got {values.shape}", "Shape") from error

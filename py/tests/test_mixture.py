@@ -196,7 +196,7 @@ def test_the_interpreter_runs_while_a_fit_does():
 @pytest.mark.parametrize(
     "wrong",
     [{"n_components": 0}, {"n_components": 1.5}, {"covariance_type": "round"}, {"tol": -1.0}, {"reg_covar": np.nan},
-     {"max_iter": 0}, {"n_init": 0}, {"init_params": "luck"}, {"random_state": "seed"}, {"weights_init": [1.0]},
+     {"max_iter": 0}, {"n_init": 0}, {"init_params": "luck"}, {"random_state": "seed"}, {"weights_init": [0.5]},
      {"means_init": [[0.0]]}, {"means_init": np.zeros((1, 3)), "weights_init": [0.5]}],
 )  # fmt: skip
 def test_parameters_out_of_their_domain_are_refused(wrong):

@@ -1,0 +1,562 @@
+"""Keypoints of people in pictures: training targets, decoding, networks, evaluation, and the orders of keypoints.
+
+Points are in picture coordinates in pixels: u to the right, v down, (0, 0) is the centre of the top left pixel. Maps are
+float32, `(batch, channels, rows, columns)`; batches are spread over threads with the interpreter released.
+
+>>> import numpy as np
+>>> from ogg_rs import pose
+>>> joints = np.zeros((1, 1, 18, 2), np.float32)
+>>> joints[0, 0, 3:5] = [[11.5, 11.5], [43.5, 11.5]]  # right elbow and wrist
+>>> states = np.full((1, 1, 18), pose.State.OUTSIDE, np.uint8)
+>>> states[0, 0, 3:5] = pose.State.LABELLED
+>>> maps = pose.encode_targets(joints, states, [[[0, 0, 63, 63]]], size=(64, 64))
+>>> maps.pcm.shape, maps.paf.shape, float(maps.pcm[0, 4, 1, 5])
+((1, 19, 8, 8), (1, 38, 8, 8), 1.0)
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import site
+import sysconfig
+from collections.abc import Iterable, Mapping, Sequence
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _native
+from ._arrays import FloatArray, batch, count, floats, real
+from .errors import DeviceError, InvalidParameter
+
+__all__ = [
+    "BUILTIN_CARDS",
+    "COCO_17_SIGMAS",
+    "LIMBS",
+    "SKELETONS",
+    "Estimator",
+    "KeypointScores",
+    "People",
+    "Skeleton",
+    "State",
+    "TargetMaps",
+    "convert",
+    "decode",
+    "encode_targets",
+    "evaluate_keypoints",
+    "fuse_labels",
+]
+
+MapArray = NDArray[np.float32]
+Limb = tuple[int, int]
+
+
+class Skeleton(NamedTuple):
+    """An order of keypoints.
+
+    Attributes:
+        name: As model cards write it.
+        parts: Names of the parts in order.
+        mirror: For every keypoint, the index of the same part of the other side.
+        bones: Pairs of keypoints between which a line is drawn.
+    """
+
+    name: str
+    parts: tuple[str, ...]
+    mirror: tuple[int, ...]
+    bones: tuple[Limb, ...]
+
+    def index(self, part: str, /) -> int:  # type: ignore[override]
+        """Place of a part.
+
+        Raises:
+            InvalidParameter: This order has no such part.
+        """
+        if part not in self.parts:
+            raise InvalidParameter(f"part: expected one of {self.parts}, got {part!r}", "Domain")
+        return self.parts.index(part)
+
+
+SKELETONS: dict[str, Skeleton] = {
+    name: Skeleton(name, tuple(parts), tuple(mirror), tuple(bones)) for name, parts, mirror, bones in _native.skeletons()
+}
+"""The orders: `coco-17`, `openpose-18`, `body-25`, `mediapipe-33` and `upper-limb-8`, by name."""
+
+BUILTIN_CARDS: tuple[str, ...] = tuple(_native.builtin_cards())
+"""Names of the model cards that are compiled in."""
+
+COCO_17_SIGMAS: tuple[float, ...] = tuple(_native.coco_sigmas())
+"""Deviations of human labels of COCO's keypoints, as fractions of the square root of the area."""
+
+
+def _published() -> tuple[tuple[int, int, int, int], ...]:
+    return tuple(_native.published_limbs())
+
+
+LIMBS: tuple[Limb, ...] = tuple(
+    (limb[0], limb[1]) for limb in sorted(_published(), key=lambda limb: limb[2])
+)
+"""Limbs of `openpose-18` in the order of the affinity channels: limb `l` has the channels `2 l` (u) and `2 l + 1` (v)."""
+
+
+class State(IntEnum):
+    """What is known of a joint of a person."""
+
+    UNKNOWN = 0
+    """Nobody knows where it is, or whether it is in the picture."""
+    HIDDEN = 1
+    """Its place is known, but the network is not asked for it."""
+    OUTSIDE = 2
+    """Not in the picture, or there is no such person."""
+    LABELLED = 3
+    """Its place is known and is to be learnt, covered or not."""
+
+
+class TargetMaps(NamedTuple):
+    """Targets of a batch of `b` pictures, float32.
+
+    Attributes:
+        pcm: Part confidence maps and the background, `(b, joints + 1, h, w)`.
+        paf: Part affinity fields, `(b, 2 limbs, h, w)`.
+        pcm_mask: 1 where `pcm` counts, else 0, of the same shape.
+        paf_mask: 1 where `paf` counts, else 0, of the same shape.
+    """
+
+    pcm: MapArray
+    paf: MapArray
+    pcm_mask: MapArray
+    paf_mask: MapArray
+
+
+class People(NamedTuple):
+    """People in one picture, best first.
+
+    Attributes:
+        keypoints: u and v in px and the network's score, `(n, joints, 3)` float32; NaN, NaN, 0 where there is none.
+        scores: Score of each person, 0 to 1, `(n,)` float32.
+    """
+
+    keypoints: NDArray[np.float32]
+    scores: NDArray[np.float32]
+
+
+class KeypointScores(NamedTuple):
+    """COCO's ten numbers; NaN where no label is of the size.
+
+    Attributes:
+        ap: Average precision over similarities 0.50 to 0.95.
+        ap_50: At similarity 0.50.
+        ap_75: At similarity 0.75.
+        ap_medium: Of people of 32^2 to 96^2 px^2.
+        ap_large: Of larger people.
+        ar: Average recall over the same similarities.
+        ar_50: At similarity 0.50.
+        ar_75: At similarity 0.75.
+        ar_medium: Of people of 32^2 to 96^2 px^2.
+        ar_large: Of larger people.
+    """
+
+    ap: float
+    ap_50: float
+    ap_75: float
+    ap_medium: float
+    ap_large: float
+    ar: float
+    ar_50: float
+    ar_75: float
+    ar_medium: float
+    ar_large: float
+
+
+def _known(skeleton: str) -> Skeleton:
+    if skeleton not in SKELETONS:
+        raise InvalidParameter(f"skeleton: expected one of {sorted(SKELETONS)}, got {skeleton!r}", "Domain")
+    return SKELETONS[skeleton]
+
+
+def _singles(what: str, values: ArrayLike) -> MapArray:
+    """`values` as C-contiguous float32; the same object if it already is one."""
+    if type(values) is np.ndarray and values.dtype == np.float32 and values.flags.c_contiguous:
+        return values
+    with np.errstate(over="ignore"):
+        return np.require(floats(what, values), np.float32, "C")
+
+
+def _channel_limbs(skeleton: Skeleton, limbs: Sequence[Limb] | None) -> list[tuple[int, int, int, int]]:
+    if limbs is None:
+        limbs = [(a, b) for a, b in LIMBS if max(a, b) < len(skeleton.parts)]
+        if skeleton.name not in ("openpose-18", "upper-limb-8"):
+            raise InvalidParameter(f"limbs: expected pairs of keypoints for {skeleton.name}, got None", "Missing")
+    pairs = []
+    for slot, limb in enumerate(limbs):
+        if len(limb) != 2:
+            raise InvalidParameter(f"limbs: expected pairs of keypoints, got {limb!r}", "Shape")
+        pairs.append((count("limbs", limb[0], 0), count("limbs", limb[1], 0), 2 * slot, 2 * slot + 1))
+    return pairs
+
+
+def convert(keypoints: ArrayLike, source: str, target: str) -> FloatArray:
+    """Keypoints `(..., joints, c)` of one order in another, `(..., joints', c)`.
+
+    A neck is the middle of the shoulders and a mid-hip that of the hips where the source lacks them; with `c = 3` its
+    score is the smaller of the two. A part that the source lacks is NaN, with a score of 0.
+
+    Raises:
+        InvalidParameter: An order is not known, or the number of joints is another.
+
+    >>> import numpy as np
+    >>> coco = np.arange(34.0).reshape(17, 2)
+    >>> convert(coco, "coco-17", "openpose-18")[[1, 4]].tolist()  # neck, right wrist
+    [[11.0, 12.0], [20.0, 21.0]]
+    """
+    have, want = _known(source), _known(target)
+    points = floats("keypoints", keypoints)
+    if points.ndim < 2 or points.shape[-2] != len(have.parts) or points.shape[-1] not in (2, 3):
+        raise InvalidParameter(f"keypoints: expected (..., {len(have.parts)}, 2 or 3), got {points.shape}", "Shape")
+    out = np.full((*points.shape[:-2], len(want.parts), points.shape[-1]), np.nan)
+    out[..., 2:] = 0.0
+    for place, parents in enumerate(_native.skeleton_sources(target, source)):
+        if parents is not None:
+            a, b = (points[..., parent, :] for parent in parents)
+            out[..., place, :2] = 0.5 * (a[..., :2] + b[..., :2])
+            out[..., place, 2:] = np.minimum(a[..., 2:], b[..., 2:])
+    return out
+
+
+def encode_targets(
+    joints_px: ArrayLike,
+    states: ArrayLike,
+    boxes_px: ArrayLike,
+    *,
+    size: tuple[int, int],
+    skeleton: str = "openpose-18",
+    limbs: Sequence[Limb] | None = None,
+    stride: int = 8,
+    sigma_px: float = 7.0,
+    half_width_px: float = 8.0,
+) -> TargetMaps:
+    """Targets and masks of a batch, spread over threads with the interpreter released.
+
+    A map is `(size[1] / stride, size[0] / stride)`; the centre of its cell `k` is at `stride (k + 1/2) - 1/2` px. Arrays
+    that are float32 (`states`: uint8) and C-contiguous are not copied.
+
+    Args:
+        joints_px: u and v of every joint, `(b, people, joints, 2)`; not read where the state is unknown or outside.
+        states: `(b, people, joints)` of `State`.
+        boxes_px: Left, top, right and bottom of every person, `(b, people, 4)`.
+        size: Width and height of the pictures, multiples of `stride`.
+        skeleton: Order of the joints.
+        limbs: Pairs of joints in the order of the affinity channels; by default `LIMBS`, as far as the order has them.
+        stride: Pixels per cell.
+        sigma_px: Deviation of a confidence map.
+        half_width_px: Half the width of a limb.
+
+    Raises:
+        InvalidParameter: A shape does not fit, a labelled place is not finite, or a setting is out of its interval.
+    """
+    order = _known(skeleton)
+    joints = _singles("joints_px", joints_px)
+    boxes = _singles("boxes_px", boxes_px)
+    given = np.asarray(states)
+    if given.dtype.kind not in "iu" or (given.size and (given.min() < 0 or given.max() > 3)):
+        raise InvalidParameter("states: expected whole numbers 0 to 3 (State)", "Domain")
+    flags = np.require(given, np.uint8, "C")
+    if flags.ndim != 3 or joints.shape != (*flags.shape, 2) or boxes.shape != (*flags.shape[:2], 4):
+        raise InvalidParameter(
+            "joints_px, states, boxes_px: expected (b, people, joints, 2), (b, people, joints) and (b, people, 4), "
+            f"got {joints.shape}, {flags.shape} and {boxes.shape}",
+            "Shape",
+        )
+    if len(size) != 2:
+        raise InvalidParameter(f"size: expected (width, height), got {size!r}", "Shape")
+    return TargetMaps(
+        *_native.encode_targets(
+            joints,
+            flags,
+            boxes,
+            skeleton=skeleton,
+            limbs=_channel_limbs(order, limbs),
+            width=count("size", size[0], 1),
+            height=count("size", size[1], 1),
+            stride=count("stride", stride, 1),
+            sigma_px=real("sigma_px", sigma_px),
+            half_width_px=real("half_width_px", half_width_px),
+        )
+    )
+
+
+def fuse_labels(
+    labels: TargetMaps, teacher_pcm: ArrayLike, teacher_paf: ArrayLike, *, floor: float = 0.1
+) -> TargetMaps:
+    """Labels corrected by a teacher's maps (paper, equation 3), in new arrays.
+
+    `S_LC = max(S*, S_T)` per cell, `S_T` cut to 0..1; `L_LC` is whichever of `L*` and `L_T` has the larger 2-norm, per
+    cell and limb. The background follows from the fused joints. A cell that the mask leaves out counts again where the
+    teacher answers with at least `floor`.
+
+    Args:
+        labels: What `encode_targets` returned, `(b, ...)` each.
+        teacher_pcm: `(b, joints + 1, h, w)`.
+        teacher_paf: `(b, 2 limbs, h, w)`.
+        floor: Smallest answer that counts.
+
+    Raises:
+        InvalidParameter: The teacher's maps have another shape.
+    """
+    maps = [_singles(name, values) for name, values in zip(TargetMaps._fields, labels, strict=True)]
+    teachers = [_singles("teacher_pcm", teacher_pcm), _singles("teacher_paf", teacher_paf)]
+    shapes = [array.shape for array in (*maps, *teachers)]
+    same = shapes[0] == shapes[2] == shapes[4] and shapes[1] == shapes[3] == shapes[5]
+    pcm, paf = shapes[0], shapes[1]
+    if len(pcm) != 4 or len(paf) != 4 or not same or pcm[0] != paf[0] or pcm[2:] != paf[2:] or paf[1] % 2:
+        raise InvalidParameter(
+            f"labels and teacher: expected (b, joints + 1, h, w) and (b, 2 limbs, h, w) of one size, got {shapes}",
+            "Shape",
+        )
+    return TargetMaps(*_native.fuse_labels(*maps, *teachers, real("floor", floor)))
+
+
+def decode(
+    pcm: ArrayLike,
+    paf: ArrayLike,
+    *,
+    skeleton: str = "openpose-18",
+    limbs: Sequence[tuple[int, int, int, int]] | None = None,
+    stride: int = 8,
+    peak_threshold: float = 0.1,
+    paf_threshold: float = 0.05,
+    min_score: float = 0.1,
+) -> People | list[People]:
+    """People in a network's maps, in px of its input; the interpreter is released meanwhile.
+
+    Args:
+        pcm: Part confidence maps, `(joints or more, h, w)`, or a batch `(b, joints or more, h, w)`.
+        paf: Part affinity fields, `(2 limbs or more, h, w)`, or a batch.
+        skeleton: Order of the confidence maps.
+        limbs: `(from, to, u channel, v channel)` in the order of assembly; by default the published limbs, arms first.
+        stride: Pixels per cell.
+        peak_threshold: A maximum below this is no keypoint, 0 to 1.
+        paf_threshold: A field below this does not support a limb, 0 to 1.
+        min_score: Keypoints below this are left out, 0 to 1.
+
+    Returns:
+        The people of the picture, or a list of them for a batch.
+
+    Raises:
+        InvalidParameter: A shape does not fit, or a number is not finite.
+    """
+    order = _known(skeleton)
+    if limbs is None:
+        if skeleton not in ("openpose-18", "upper-limb-8"):
+            raise InvalidParameter(f"limbs: expected limbs for {skeleton}, got None", "Missing")
+        channels = {limb: slot for slot, limb in enumerate(_channel_pairs(order))}
+        limbs = [
+            (a, b, 2 * channels[a, b], 2 * channels[a, b] + 1) for a, b, _, _ in _published() if (a, b) in channels
+        ]
+    chosen = []
+    for limb in limbs:
+        if len(limb) != 4:
+            raise InvalidParameter(f"limbs: expected (from, to, u channel, v channel), got {limb!r}", "Shape")
+        a, b, u, v = (count("limbs", number, 0) for number in limb)
+        chosen.append((a, b, u, v))
+    heat, field = _singles("pcm", pcm), _singles("paf", paf)
+    if heat.ndim not in (3, 4) or field.ndim != heat.ndim or heat.shape[:-3] != field.shape[:-3]:
+        raise InvalidParameter(
+            f"pcm, paf: expected (joints + 1, h, w) and (2 limbs, h, w), or batches of them, "
+            f"got {heat.shape} and {field.shape}",
+            "Shape",
+        )
+    for what, array in (("pcm", heat), ("paf", field)):
+        if not np.isfinite(array).all():
+            raise InvalidParameter(f"{what}: expected finite numbers", "NotFinite")
+    thresholds = {"peak_threshold": peak_threshold, "paf_threshold": paf_threshold, "min_score": min_score}
+    for what, value in thresholds.items():
+        if not real(what, value) <= 1.0:
+            raise InvalidParameter(f"{what}: expected a number in [0, 1], got {value!r}", "Domain")
+    settings: dict[str, Any] = {"skeleton": skeleton, "limbs": chosen, "stride": count("stride", stride, 1)}
+    settings |= {what: float(value) for what, value in thresholds.items()}
+    if heat.ndim == 3:
+        return People(*_native.decode(heat, field, **settings))
+    return [People(*_native.decode(h, f, **settings)) for h, f in zip(heat, field, strict=True)]
+
+
+def _channel_pairs(skeleton: Skeleton) -> list[Limb]:
+    return [(a, b) for a, b in LIMBS if max(a, b) < len(skeleton.parts)]
+
+
+class Estimator:
+    """A network that looks at the pictures of one camera, one after the other.
+
+    A network for one person looks at a square around the person of the picture before: make one estimator per camera, and
+    call `reset` at a cut.
+
+    Args:
+        card: `builtin:ogg-lite`, another name of `BUILTIN_CARDS`, a model card (`.toml`), or a network (`.onnx`).
+        weights_dirs: Where the weights that a card names are looked for.
+        onnxruntime: A shared library of ONNX Runtime; `"tract"` for the built-in pure-Rust runtime; None for the first
+            that is found, the package `onnxruntime` of this interpreter included, and else the built-in one. `runtime`
+            says which one serves. A process holds one runtime.
+        provider: `"cpu"`, `"openvino"`, `"cuda"` or `"tensorrt"`.
+        fallback: Provider that serves where `provider` is not there; None makes that an error.
+        threads: Threads for one picture; None leaves it to the runtime.
+
+    Raises:
+        DeviceError: A file, the library or the provider is missing, or another runtime already serves.
+        InvalidParameter: The card or the network is not what it says.
+
+    >>> import numpy as np
+    >>> from ogg_rs import pose
+    >>> estimator = pose.Estimator("builtin:ogg-lite", onnxruntime="tract")
+    >>> estimator.name, estimator.skeleton.name
+    ('ogg-lite', 'openpose-18')
+    >>> estimator.estimate(np.zeros((240, 320, 3), np.uint8)).keypoints.shape
+    (0, 18, 3)
+    """
+
+    __slots__ = ("_native",)
+
+    def __init__(
+        self,
+        card: str | os.PathLike[str] = "builtin:ogg-lite",
+        *,
+        weights_dirs: Iterable[str | os.PathLike[str]] = (),
+        onnxruntime: str | os.PathLike[str] | None = None,
+        provider: str = "cpu",
+        fallback: str | None = None,
+        threads: int | None = None,
+    ) -> None:
+        folders = [sysconfig.get_path("platlib"), sysconfig.get_path("purelib"), site.getusersitepackages()]
+        self._native = _native.Estimator(
+            os.fspath(card),
+            weights_dirs=[os.fspath(folder) for folder in weights_dirs],
+            library=None if onnxruntime is None else os.fspath(onnxruntime),
+            site_packages=list(dict.fromkeys(folders)),
+            provider=provider,
+            fallback=fallback,
+            threads=None if threads is None else count("threads", threads, 1),
+        )
+
+    def __repr__(self) -> str:
+        return f"Estimator({self.name!r}, {self.skeleton.name!r}, on {self.runtime})"
+
+    @property
+    def name(self) -> str:
+        """Name on the card."""
+        return self._native.name
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """Order of the keypoints."""
+        return SKELETONS[self._native.skeleton]
+
+    @property
+    def runtime(self) -> str:
+        """What computes the network."""
+        return self._native.runtime
+
+    def estimate(self, image: NDArray[np.uint8]) -> People:
+        """People in an RGB picture `(height, width, 3)`, uint8, in its pixels; the interpreter is released meanwhile.
+
+        Raises:
+            InvalidParameter: The picture is no such array.
+            NumericalError: The network answers with NaN.
+        """
+        if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
+            got = f"{image.dtype} {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
+            raise InvalidParameter(f"image: expected uint8 (height, width, 3), got {got}", "Type")
+        return People(*self._native.estimate(np.ascontiguousarray(image)))
+
+    def reset(self) -> None:
+        """Forgets the person of the picture before."""
+        self._native.reset()
+
+
+def evaluate_keypoints(
+    gt: str | os.PathLike[str] | Mapping[str, Any] | Sequence[Mapping[str, Any]],
+    dt: str | os.PathLike[str] | Sequence[Mapping[str, Any]],
+    *,
+    sigmas: Sequence[float] = COCO_17_SIGMAS,
+    keypoints: Sequence[int] | None = None,
+    visibility: int | None = None,
+    max_detections: int = 20,
+) -> KeypointScores:
+    """Average precision and recall of detected keypoints, as pycocotools computes them.
+
+    Args:
+        gt: Labels in COCO's format: a file, its content, or its list of annotations (`image_id`, `keypoints`, `bbox`,
+            `area`, `iscrowd`).
+        dt: Detections in COCO's result format: a file or its list (`image_id`, `keypoints`, `score`).
+        sigmas: Deviation of each keypoint, as a fraction of the square root of the area.
+        keypoints: Keypoints that count; None for all.
+        visibility: 1 counts covered keypoints only, 2 visible ones only; None counts both.
+        max_detections: Detections per picture that count, best first.
+
+    Raises:
+        DeviceError: A file cannot be read.
+        InvalidParameter: A key is missing, or a number of keypoints is another than that of `sigmas`.
+
+    >>> label = {"image_id": 1, "keypoints": [10.0, 20.0, 2] * 17, "bbox": [0, 0, 50, 90], "area": 4000.0, "iscrowd": 0}
+    >>> found = {"image_id": 1, "keypoints": [10.0, 20.0, 1] * 17, "score": 0.9}
+    >>> evaluate_keypoints([label], [found]).ap.__round__(9)
+    1.0
+    """
+    content = _json("gt", gt)
+    annotations = content.get("annotations") if isinstance(content, Mapping) else content
+    results = _json("dt", dt)
+    for what, rows in (("gt", annotations), ("dt", results)):
+        if not isinstance(rows, Sequence) or isinstance(rows, str):
+            raise InvalidParameter(f"{what}: expected a list of objects, got {type(rows).__name__}", "Type")
+    labels, found = list(annotations or ()), list(results or ())
+    n = len(sigmas)
+    boxes = [[*_field("gt", a, "bbox"), _field("gt", a, "area")] for a in labels]
+    try:
+        return KeypointScores(
+            *(
+                np.nan if value is None else value
+                for value in _native.evaluate_keypoints(
+                    [count("image_id", _field("gt", a, "image_id"), 0) for a in labels],
+                    _points("gt", labels, n, 3),
+                    batch("bbox and area", np.array(boxes, float).reshape((len(labels), -1 if labels else 5)), (5,))[0],
+                    [bool(a.get("iscrowd", 0)) for a in labels],
+                    [count("image_id", _field("dt", a, "image_id"), 0) for a in found],
+                    np.ascontiguousarray(_points("dt", found, n, 3)[:, :, :2]),
+                    [float(_field("dt", a, "score")) for a in found],
+                    sigmas=[float(sigma) for sigma in sigmas],
+                    keypoints=None if keypoints is None else [count("keypoints", i, 0) for i in keypoints],
+                    visibility=None if visibility is None else count("visibility", visibility, 1),
+                    max_detections=count("max_detections", max_detections, 1),
+                )
+            )
+        )
+    except (TypeError, OverflowError) as error:
+        raise InvalidParameter(f"gt, dt: {error}", "Type") from error
+
+
+def _json(what: str, given: Any) -> Any:
+    if not isinstance(given, str | os.PathLike):
+        return given
+    try:
+        with open(given, encoding="utf-8") as stream:
+            return json.load(stream)
+    except OSError as error:
+        raise DeviceError(f"{os.fspath(given)}: {error.strerror}", "File", str(error)) from error
+    except ValueError as error:
+        raise InvalidParameter(f"{what}: {os.fspath(given)}: {error}", "Syntax") from error
+
+
+def _field(what: str, row: Any, key: str) -> Any:
+    if not isinstance(row, Mapping) or key not in row:
+        raise InvalidParameter(f"{what}: expected objects with {key!r}, got {row!r:.80}", "Missing")
+    return row[key]
+
+
+def _points(what: str, rows: list[Any], joints: int, each: int) -> FloatArray:
+    out = np.empty((len(rows), joints, each))
+    for place, row in enumerate(rows):
+        numbers = floats(f"{what} keypoints", _field(what, row, "keypoints"))
+        if numbers.size != joints * each:
+            raise InvalidParameter(f"{what} keypoints: expected {joints * each} numbers, got {numbers.size}", "Shape")
+        out[place] = numbers.reshape((joints, each))
+    return out
