@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -13,7 +13,7 @@ from . import _native
 from ._arrays import FloatArray, count, real, rows, vector
 from ._estimator import Estimator, RandomState, legacy_random
 from ._fusion import WeightFusion, fusion_errors
-from ._start import covariance_shape, from_responsibilities, precision_factors, start_mixture
+from ._start import covariance_shape, from_responsibilities, full_covariances, precision_factors, start_mixture
 from .errors import ConvergenceWarning, InvalidParameter, NotFitted, NumericalError
 
 Self = TypeVar("Self", bound="MixtureEstimator")
@@ -237,33 +237,67 @@ class GaussianMixture(MixtureEstimator):
         return self.fit(X).predict(X)
 
     def predict(self, X: ArrayLike) -> NDArray[np.int64]:
-        """The likeliest component of each row, `(n,)`."""
+        """The likeliest component of each row, `(n,)`; NaN is integrated out, as in all methods below."""
         mixture = self._fitted
-        return mixture.labels(rows("X", X, self.n_features_in_))
+        x = rows("X", X, self.n_features_in_)
+        if np.isnan(x).any():
+            return self._responsibilities(x).argmax(axis=1)
+        return mixture.labels(x)
 
     def predict_proba(self, X: ArrayLike) -> FloatArray:
         """Probability of each component for each row, `(n, k)`."""
         mixture = self._fitted
-        return mixture.responsibilities(rows("X", X, self.n_features_in_))
+        x = rows("X", X, self.n_features_in_)
+        return self._responsibilities(x) if np.isnan(x).any() else mixture.responsibilities(x)
 
     def score_samples(self, X: ArrayLike) -> FloatArray:
-        """Log density of each row, `(n,)`."""
+        """Log density of each row, `(n,)`; of the values that were seen, where some are NaN."""
         mixture = self._fitted
-        return mixture.log_densities(rows("X", X, self.n_features_in_))
+        x = rows("X", X, self.n_features_in_)
+        if not np.isnan(x).any():
+            return mixture.log_densities(x)
+        out = np.zeros(len(x))
+        for at, seen, marginal in self._marginals(x):
+            out[at] = marginal.log_densities(np.ascontiguousarray(x[np.ix_(at, seen)]))
+        return out
+
+    def _responsibilities(self, x: FloatArray) -> FloatArray:
+        # Of a row without any value nothing is known but the weights.
+        out = np.tile(self.weights_, (len(x), 1))
+        for at, seen, marginal in self._marginals(x):
+            out[at] = marginal.responsibilities(np.ascontiguousarray(x[np.ix_(at, seen)]))
+        return out
+
+    def _marginals(self, x: FloatArray) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], _native.Mixture]]:
+        """Rows that have values in the same columns, these columns, and the mixture of them."""
+        full = full_covariances(self._fitted.kind, self.covariances_, *self.means_.shape)
+        patterns, which = np.unique(~np.isnan(x), axis=0, return_inverse=True)
+        for number, pattern in enumerate(patterns):
+            seen = np.flatnonzero(pattern)
+            if len(seen) > 0:
+                means = np.ascontiguousarray(self.means_[:, seen])
+                covariances = np.ascontiguousarray(full[:, seen[:, np.newaxis], seen])
+                marginal = _native.Mixture("full", self.weights_.tolist(), means, covariances)
+                yield np.flatnonzero(which.reshape(-1) == number), seen, marginal
 
     def score(self, X: ArrayLike, y: Any = None) -> float:
         """Mean log density of the rows."""
         return float(self.score_samples(X).mean())
 
+    def _free_parameters(self) -> int:
+        k, d = self.means_.shape
+        triangle = d * (d + 1) // 2
+        covariances = {"full": k * triangle, "tied": triangle, "diag": k * d, "spherical": k}
+        return k - 1 + k * d + covariances[self._fitted.kind]
+
     def bic(self, X: ArrayLike) -> float:
         """Bayesian information criterion on `X`; lower is better."""
-        mixture = self._fitted
-        return mixture.bic(rows("X", X, self.n_features_in_))
+        densities = self.score_samples(X)
+        return float(self._free_parameters() * np.log(len(densities)) - 2.0 * densities.sum())
 
     def aic(self, X: ArrayLike) -> float:
         """Akaike information criterion on `X`; lower is better."""
-        mixture = self._fitted
-        return mixture.aic(rows("X", X, self.n_features_in_))
+        return float(2.0 * self._free_parameters() - 2.0 * self.score_samples(X).sum())
 
     def sample(self, n_samples: int = 1) -> tuple[FloatArray, NDArray[np.int64]]:
         """Draws rows `(n, d)` and the component of each `(n,)`; the same as scikit-learn from the same seed."""

@@ -40,6 +40,16 @@ def inverted(kind: str, matrices: FloatArray) -> FloatArray:
     return np.ascontiguousarray(0.5 * (inverse + inverse.swapaxes(-1, -2)))
 
 
+def full_covariances(kind: str, covariances: FloatArray, k: int, d: int) -> FloatArray:
+    """Covariances of any kind as `(k, d, d)`."""
+    if kind == "full":
+        return covariances
+    if kind == "tied":
+        return np.broadcast_to(covariances, (k, d, d))
+    variances = covariances if kind == "diag" else covariances[:, np.newaxis]
+    return variances[:, :, np.newaxis] * np.eye(d)
+
+
 def precision_factors(kind: str, covariances: FloatArray) -> FloatArray:
     """Upper triangular `U` with `U U' = inv(covariance)`, or reciprocal deviations."""
     if kind in ("diag", "spherical"):

@@ -189,7 +189,7 @@ class Worker:
 
     def poses(self, t: ArrayLike) -> Poses:
         """Where the worker is at times `t: (m,)` in s, not negative; the interpreter is released meanwhile."""
-        return Poses(*self._native.poses(np.ascontiguousarray(np.atleast_1d(floats("t", t)))))
+        return Poses(*self._native.poses(vector("t", np.atleast_1d(floats("t", t)))))
 
 
 class Frame(NamedTuple):

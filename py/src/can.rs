@@ -147,8 +147,7 @@ impl Codec {
     }
 
     fn stop(&self, counter: u8, to_controller: bool, inverted: bool, cause_code: u8, joint: u8) -> PyResult<Wire> {
-        let message =
-            Message::Stop { direction: direction(to_controller), inverted, cause: cause(cause_code)?, joint };
+        let message = Message::Stop { direction: direction(to_controller), inverted, cause: cause(cause_code)?, joint };
         Ok(self.wire(message, counter))
     }
 

@@ -149,11 +149,9 @@ fn class_of_follow(error: &follow::Error) -> Class {
 fn class_of_pose(error: &pose::Error) -> Class {
     use pose::Error as E;
     match error {
-        E::Read { .. }
-        | E::NotFound { .. }
-        | E::Library { .. }
-        | E::RuntimeConflict { .. }
-        | E::Provider { .. } => Class::Device,
+        E::Read { .. } | E::NotFound { .. } | E::Library { .. } | E::RuntimeConflict { .. } | E::Provider { .. } => {
+            Class::Device
+        }
         E::Inference { .. } | E::NonFinite { .. } => Class::Numerical,
         E::CardSyntax { .. }
         | E::CardValue { .. }
@@ -213,11 +211,10 @@ fn detail_of(failure: &Failure) -> String {
     }
     match failure {
         Failure::Mixture(e) | Failure::Follow(follow::Error::Mixture(e)) => debug(e),
-        Failure::Kin(e) | Failure::Follow(follow::Error::Kin(e)) => debug(e),
+        Failure::Kin(e) | Failure::Follow(follow::Error::Kin(e)) | Failure::Sim(sim::Error::Camera(e)) => debug(e),
         Failure::Motion(e) | Failure::Follow(follow::Error::Motion(e)) => debug(e),
         Failure::Follow(e) => debug(e),
         Failure::Pose(e) => debug(e),
-        Failure::Sim(sim::Error::Camera(e)) => debug(e),
         Failure::Sim(e) => debug(e),
         Failure::Can(e) => debug(e),
         Failure::Record(e) => debug(e),

@@ -167,10 +167,9 @@ fn first_largest(row: &[f64]) -> i64 {
 }
 
 /// History, whether it converged, and per step the reliability and the omega of weight fusion.
-type FitAnswer<'py> =
-    (Bound<'py, PyArray1<f64>>, bool, Option<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>)>);
+type FitAnswer<'py> = (Bound<'py, PyArray1<f64>>, bool, Option<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>)>);
 
-fn answer<'py>(py: Python<'py>, report: FitReport) -> PyResult<FitAnswer<'py>> {
+fn answer(py: Python<'_>, report: FitReport) -> PyResult<FitAnswer<'_>> {
     let converged = matches!(report.stop, Stop::Converged { .. });
     let fusion = match report.fusion {
         None => None,
@@ -218,10 +217,7 @@ impl Settings<'_> {
     }
 }
 
-fn weighted<'a>(
-    samples: Samples<'a>,
-    weights: Option<&'a PyReadonlyArray1<'_, f64>>,
-) -> Result<Samples<'a>, Failure> {
+fn weighted<'a>(samples: Samples<'a>, weights: Option<&'a PyReadonlyArray1<'_, f64>>) -> Result<Samples<'a>, Failure> {
     match weights {
         Some(weights) => Ok(samples.with_weights(borrowed("sample_weight", weights)?)?),
         None => Ok(samples),

@@ -5,7 +5,9 @@ use std::path::PathBuf;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use follow::{ArmSample, DIMENSION, Demonstration, Evidence, JointSample, LearnParams, Lesson, TeachParams, TeachReport};
+use follow::{
+    ArmSample, DIMENSION, Demonstration, Evidence, JointSample, LearnParams, Lesson, TeachParams, TeachReport,
+};
 use nalgebra::{Matrix3, Point3};
 use numpy::{PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -62,17 +64,12 @@ fn lesson_of(streams: &[Vec<ArmSample>], params: TeachParams) -> Result<Lesson, 
     let mut durations: Vec<f64> = lessons.iter().map(|l| l.report.duration_s).collect();
     durations.sort_by(f64::total_cmp);
     let Some(&duration_s) = durations.get(durations.len() / 2) else {
-        return Err(follow::Error::TooLittleSeen { usable: 0, span_s: 0.0, needed: 1, needed_s: params.shortest_s }.into());
+        return Err(
+            follow::Error::TooLittleSeen { usable: 0, span_s: 0.0, needed: 1, needed_s: params.shortest_s }.into()
+        );
     };
-    let mut report = TeachReport {
-        samples: 0,
-        complete: 0,
-        used: 0,
-        bridged: 0,
-        demonstrations: 0,
-        duration_s,
-        cyclic: false,
-    };
+    let mut report =
+        TeachReport { samples: 0, complete: 0, used: 0, bridged: 0, demonstrations: 0, duration_s, cyclic: false };
     let mut demonstrations = Vec::new();
     for lesson in lessons {
         report.samples += lesson.report.samples;
@@ -116,8 +113,7 @@ impl MotionModel {
             check_len("samples of a demonstration", times.shape()[0], joints.shape()[0])?;
             streams.push(arm_samples(borrowed("t", times)?, borrowed("joints", joints)?)?);
         }
-        let teach =
-            TeachParams { rate_hz, longest_gap_s, smoothing_s, shortest_period_s, ..TeachParams::default() };
+        let teach = TeachParams { rate_hz, longest_gap_s, smoothing_s, shortest_period_s, ..TeachParams::default() };
         let learn = LearnParams { element_s, components, restarts, blend_s, seed };
         let (inner, report) = py.detach(|| {
             let lesson = lesson_of(&streams, teach)?;

@@ -7,7 +7,7 @@ use numpy::{
     PyArray1, PyArray3, PyArray4, PyReadonlyArray2, PyReadonlyArray3, PyReadonlyArray4, PyUntypedArrayMethods,
 };
 use pose::{
-    DetectedPose, ExecutionProvider, ImageView, Labels, LabelledPose, Layout, LibraryChoice, LibrarySearch, Limb,
+    DetectedPose, ExecutionProvider, ImageView, LabelledPose, Labels, Layout, LibraryChoice, LibrarySearch, Limb,
     MapSpec, MapView, Maps, Model, OksParams, OpenPoseDecoder, OpenPoseSpec, Part, Person, Runtime, RuntimeOptions,
     Skeleton, Source, Subset, TargetParams, TargetPlan, onnxruntime_candidates,
 };
@@ -111,6 +111,7 @@ pub(crate) fn encode_targets<'py>(
 
 /// Labels corrected by a teacher.
 #[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "the arrays of two batches")]
 pub(crate) fn fuse_labels<'py>(
     py: Python<'py>,
     pcm: PyReadonlyArray4<'py, f32>,
@@ -133,15 +134,8 @@ pub(crate) fn fuse_labels<'py>(
     // Fusion asks for the number of fields only, not for what they join.
     let [from, to] = [skeleton.parts()[0], skeleton.parts()[1]];
     let limbs = (0..paf.shape()[1] / 2).map(|l| Limb { from, to, paf: [2 * l, 2 * l + 1] }).collect();
-    let plan = TargetParams {
-        skeleton,
-        limbs,
-        width: columns,
-        height: rows,
-        stride: 1,
-        sigma_px: 1.0,
-        half_width_px: 1.0,
-    };
+    let plan =
+        TargetParams { skeleton, limbs, width: columns, height: rows, stride: 1, sigma_px: 1.0, half_width_px: 1.0 };
     let plan = plan.validate().map_err(Failure::from)?;
     let mut maps = Maps {
         pcm: borrowed("pcm", &pcm)?.to_vec(),

@@ -57,8 +57,7 @@ impl Recording {
                 got: format!("{topic:?}"),
             });
         };
-        let bytes =
-            std::fs::read(&self.path).map_err(|source| Failure::File { path: self.path.clone(), source })?;
+        let bytes = std::fs::read(&self.path).map_err(|source| Failure::File { path: self.path.clone(), source })?;
         let options = Options::IgnoreEndMagic | Options::ValidateChunkCrcs;
         let stream = MessageStream::new_with_options(&bytes, options).map_err(|e| not_mcap(&self.path, e))?;
         let mut left = known.messages;

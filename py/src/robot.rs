@@ -20,7 +20,7 @@ type IkAnswer<'py> =
 pub(crate) struct Robot {
     name: String,
     chain: Chain,
-    pub(crate) robot: kin::Robot,
+    tree: kin::Robot,
     /// Place of each joint of the chain in the robot's joint vector.
     places: Vec<usize>,
     /// The robot's joint vector with every joint at zero, brought within the limits.
@@ -38,7 +38,7 @@ impl Robot {
         let places = chain.joints().iter().filter_map(|&joint| robot.dof_index(joint)).collect::<Vec<_>>();
         check_len("joints of the chain that move by themselves", chain.dof(), places.len())?;
         let rest = robot.dof_joints().map(|joint| 0.0_f64.clamp(joint.limits.lower, joint.limits.upper)).collect();
-        Ok(Self { name: robot.name().to_owned(), chain, robot: robot.clone(), places, rest })
+        Ok(Self { name: robot.name().to_owned(), chain, tree: robot.clone(), places, rest })
     }
 
     /// A vector of the chain as one of the robot: other joints as in `others`.
@@ -188,7 +188,7 @@ impl Robot {
     fn mass_matrix<'py>(&self, py: Python<'py>, q: PyReadonlyArray2<'py, f64>) -> PyResult<Bound<'py, PyArray3<f64>>> {
         let (values, n) = (self.joint_vectors(&q)?, self.chain.dof());
         let entries = py.detach(|| {
-            let dynamics = self.robot.dynamics(Vector3::zeros());
+            let dynamics = self.tree.dynamics(Vector3::zeros());
             let mut scratch = dynamics.scratch();
             let mut matrix = DMatrix::zeros(dynamics.dof(), dynamics.dof());
             let mut entries = Vec::with_capacity(values.len() * n);
@@ -218,15 +218,14 @@ impl Robot {
         let [q_rows, qd_rows, qdd_rows] =
             [self.joint_vectors(&q)?, self.joint_vectors(&qd)?, self.joint_vectors(&qdd)?];
         let efforts = py.detach(|| {
-            let dynamics = self.robot.dynamics(Vector3::from(gravity_m_s2));
+            let dynamics = self.tree.dynamics(Vector3::from(gravity_m_s2));
             let mut scratch = dynamics.scratch();
             let still = vec![0.0; dynamics.dof()];
             let mut all = vec![0.0; dynamics.dof()];
             let mut efforts = Vec::with_capacity(q_rows.len());
             let rows = q_rows.chunks_exact(n).zip(qd_rows.chunks_exact(n)).zip(qdd_rows.chunks_exact(n));
             for ((q, qd), qdd) in rows {
-                let (q, qd, qdd) =
-                    (self.spread(q, &self.rest), self.spread(qd, &still), self.spread(qdd, &still));
+                let (q, qd, qdd) = (self.spread(q, &self.rest), self.spread(qd, &still), self.spread(qdd, &still));
                 dynamics.inverse_dynamics(&q, &qd, &qdd, &mut scratch, &mut all)?;
                 efforts.extend(self.places.iter().map(|&place| all[place]));
             }

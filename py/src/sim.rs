@@ -138,14 +138,7 @@ type Poses<'py> = (Bound<'py, PyArray3<f64>>, Vec<&'static str>, Bound<'py, PyAr
 #[pymethods]
 impl Worker {
     #[new]
-    fn new(
-        seed: u64,
-        action: &str,
-        repetitions: u32,
-        period_s: f64,
-        variation: f64,
-        amplitude: f64,
-    ) -> PyResult<Self> {
+    fn new(seed: u64, action: &str, repetitions: u32, period_s: f64, variation: f64, amplitude: f64) -> PyResult<Self> {
         let script = match Action::ALL.iter().find(|a| a.name() == action) {
             Some(action) => Script::Repeat(*action),
             None if action == "round" => Script::Round { repetitions },

@@ -100,3 +100,66 @@ def test_what_is_no_pose_is_refused():
         robot.fk(np.zeros(5))
     with pytest.raises(ogg_rs.InvalidParameter, match="seed"):
         robot.ik(np.eye(4), np.zeros((3, 6)))
+
+
+PENDULUM = """<robot name="pendulum">
+  <link name="base"/>
+  <link name="upper"><inertial><origin xyz="0.25 0 0"/><mass value="2"/>
+    <inertia ixx="0" iyy="0" izz="0.03" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="fore"><inertial><origin xyz="0.2 0 0"/><mass value="1"/>
+    <inertia ixx="0" iyy="0" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="gripper"><inertial><mass value="0.5"/>
+    <inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 0 1"/>
+    <limit lower="-3" upper="3" velocity="1" effort="1"/></joint>
+  <joint name="elbow" type="revolute"><parent link="upper"/><child link="fore"/><origin xyz="0.5 0 0"/>
+    <axis xyz="0 0 1"/><limit lower="-3" upper="3" velocity="1" effort="1"/></joint>
+  <joint name="slide" type="prismatic"><parent link="fore"/><child link="gripper"/><origin xyz="0.3 0 0"/>
+    <axis xyz="1 0 0"/><limit lower="0.1" upper="0.2" velocity="1" effort="1"/></joint>
+</robot>"""
+
+
+def pendulum_matrix(q):
+    """Textbook mass matrix of two bars; the gripper rests at its lower limit and counts as mass at 0.4 m."""
+    l1, parts = 0.5, [(1.0, 0.2, 0.01), (0.5, 0.4, 0.0)]
+    m = np.zeros((*q.shape[:-1], 2, 2))
+    m[..., 0, 0] += 2.0 * 0.25**2 + 0.03
+    for mass, reach, inertia in parts:
+        c = np.cos(q[..., 1])
+        m[..., 0, 0] += inertia + mass * (l1**2 + reach**2 + 2 * l1 * reach * c)
+        m[..., 0, 1] += inertia + mass * (reach**2 + l1 * reach * c)
+        m[..., 1, 0] += inertia + mass * (reach**2 + l1 * reach * c)
+        m[..., 1, 1] += inertia + mass * reach**2
+    return m
+
+
+def test_the_mass_matrix_is_that_of_the_textbook(tmp_path):
+    path = tmp_path / "pendulum.urdf"
+    path.write_text(PENDULUM)
+    robot = kin.Robot.from_urdf(path, tip="fore")
+    q = np.random.default_rng(0).uniform(-3, 3, (3, 4, 2))
+    np.testing.assert_allclose(robot.mass_matrix(q), pendulum_matrix(q), atol=1e-12)
+    qdd = np.random.default_rng(1).normal(size=(3, 4, 2))
+    still = robot.inverse_dynamics(q, qdd=qdd, gravity_m_s2=(0, 0, 0))
+    np.testing.assert_allclose(still, np.einsum("...ij,...j->...i", pendulum_matrix(q), qdd), atol=1e-12)
+    # Gravity along -y: the torque is the derivative of the potential energy.
+    weight = robot.inverse_dynamics(q, gravity_m_s2=(0, -10.0, 0))
+    one, both = q[..., 0], q.sum(axis=-1)
+    elbow = 10.0 * (1.0 * 0.2 + 0.5 * 0.4) * np.cos(both)
+    np.testing.assert_allclose(weight[..., 1], elbow, atol=1e-12)
+    np.testing.assert_allclose(weight[..., 0], elbow + 10.0 * (2.0 * 0.25 + 1.5 * 0.5) * np.cos(one), atol=1e-12)
+
+
+def test_inverse_dynamics_is_linear_in_the_acceleration_and_broadcasts():
+    robot = kin.Robot.builtin()
+    rng = np.random.default_rng(2)
+    q, qd = rng.uniform(-1, 1, (5, 6)), rng.normal(size=6)
+    qdd = rng.normal(size=(5, 6))
+    full = robot.inverse_dynamics(q, qd, qdd)
+    bias = robot.inverse_dynamics(q, np.tile(qd, (5, 1)))
+    np.testing.assert_allclose(full - bias, np.einsum("nij,nj->ni", robot.mass_matrix(q), qdd), atol=1e-9)
+    assert robot.mass_matrix(np.zeros((0, 6))).shape == (0, 6, 6)
+    with pytest.raises(ogg_rs.InvalidParameter, match="qd"):
+        robot.inverse_dynamics(q, np.zeros((2, 6)))
+    with pytest.raises(ogg_rs.InvalidParameter, match="gravity"):
+        robot.inverse_dynamics(q, gravity_m_s2=[np.nan, 0, 0])

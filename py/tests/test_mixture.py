@@ -12,6 +12,7 @@ from sklearn.exceptions import ConvergenceWarning as SklearnConvergenceWarning
 from sklearn.mixture import GaussianMixture as Reference
 
 import ogg_rs
+from ogg_rs._start import start_mixture
 
 KINDS = ["full", "tied", "diag", "spherical"]
 
@@ -108,7 +109,7 @@ def test_conditioning_is_the_gaussian_formula():
     np.testing.assert_allclose(given.covariances_[0], want, rtol=1e-9)
 
 
-@pytest.mark.parametrize("init", ["kmeans", "k-means++", "random_from_data"])
+@pytest.mark.parametrize("init", ["kmeans", "k-means++", "random", "random_from_data"])
 def test_the_same_seed_gives_the_same_numbers(init):
     x = data()
     fits = [ogg_rs.GaussianMixture(3, init_params=init, random_state=4, n_init=3, max_iter=500).fit(x) for _ in range(2)]
@@ -210,3 +211,128 @@ def test_scikit_learn_warns_where_we_do():
         Reference(3, max_iter=1, **start("full", x)).fit(x)
     with pytest.warns(ogg_rs.ConvergenceWarning, match="max_iter=1"):
         ogg_rs.GaussianMixture(3, max_iter=1, **start("full", x)).fit(x)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("n_init", [1, 3])
+def test_a_random_start_is_that_of_scikit_learn_from_the_same_seed(kind, n_init):
+    x = data()
+    arguments = {"covariance_type": kind, "init_params": "random", "random_state": 7, "max_iter": 1000, "n_init": n_init}
+    ours, theirs = ogg_rs.GaussianMixture(2, **arguments).fit(x), Reference(2, **arguments).fit(x)
+    assert ours.n_iter_ == theirs.n_iter_
+    np.testing.assert_allclose(ours.means_, theirs.means_, rtol=1e-7, atol=1e-7)
+    np.testing.assert_allclose(ours.covariances_, theirs.covariances_, rtol=1e-6, atol=1e-7)
+
+
+def test_any_one_of_the_starts_may_be_given_alone():
+    x = data()
+    whole = start("full", x)
+    for name, value in whole.items():
+        fit = ogg_rs.GaussianMixture(3, max_iter=1000, random_state=0, **{name: value}).fit(x)
+        assert fit.converged_
+    # Equal precisions of one component: EM from them is EM from the sample's mean.
+    with pytest.warns(ogg_rs.ConvergenceWarning):
+        one = ogg_rs.GaussianMixture(1, max_iter=1, precisions_init=[np.eye(3)]).fit(x)
+    np.testing.assert_allclose(one.means_[0], x.mean(axis=0), rtol=1e-9)
+
+
+def test_missing_values_and_weights_go_together():
+    rng = np.random.default_rng(3)
+    x = data(80)
+    x[rng.random(x.shape) < 0.15] = np.nan
+    weights = rng.integers(1, 4, 80).astype(float)
+    arguments = {"max_iter": 2000, "random_state": 0, **{k: v for k, v in start("full", data(80)).items()}}
+    weighted = ogg_rs.GaussianMixture(3, **arguments).fit(x, sample_weight=weights)
+    repeated = ogg_rs.GaussianMixture(3, **arguments).fit(np.repeat(x, weights.astype(int), axis=0))
+    np.testing.assert_allclose(weighted.means_, repeated.means_, rtol=1e-7)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_density_of_what_was_seen_is_that_of_the_marginal(kind):
+    x = data(60)
+    fit = ogg_rs.GaussianMixture(3, covariance_type=kind, random_state=0, max_iter=500).fit(x)
+    holes = x.copy()
+    holes[::2, 1], holes[::5] = np.nan, np.nan
+    holes[1::5, [0, 2]] = np.nan
+    full = np.stack([np.linalg.inv(p @ p.T) for p in np.broadcast_to(fit.precisions_cholesky_, (3, 3, 3))]) if kind in ("full", "tied") else np.stack([np.eye(3) * c for c in fit.covariances_])
+    for row, density, shares, label in zip(holes, fit.score_samples(holes), fit.predict_proba(holes), fit.predict(holes), strict=True):
+        seen = ~np.isnan(row)
+        parts = []
+        for weight, mean, covariance in zip(fit.weights_, fit.means_, full, strict=True):
+            block, away = covariance[np.ix_(seen, seen)], row[seen] - mean[seen]
+            square = away @ np.linalg.solve(block, away) if seen.any() else 0.0
+            norm = np.linalg.det(2 * np.pi * block) if seen.any() else 1.0
+            parts.append(weight * np.exp(-0.5 * square) / np.sqrt(norm))
+        assert density == pytest.approx(np.log(np.sum(parts)), abs=1e-9)
+        np.testing.assert_allclose(shares, parts / np.sum(parts), atol=1e-9)
+        assert label == np.argmax(parts)
+    assert np.isfinite([fit.bic(holes), fit.aic(holes), fit.score(holes)]).all()
+
+
+@pytest.mark.parametrize("criterion", ["bic", "aic"])
+def test_the_chosen_order_has_the_lowest_criterion(criterion):
+    rng = np.random.default_rng(0)
+    x = np.concatenate([rng.normal(size=(80, 2)) + c for c in ([0, 0], [12, 0], [0, 12])])
+    fit = ogg_rs.GaussianMixture(n_init=3, random_state=0, max_iter=500).select_order(x, k_max=6, criterion=criterion)
+    assert fit.order_criteria_.shape == (6,)
+    assert fit.n_components == int(np.nanargmin(fit.order_criteria_)) + 1
+    assert getattr(fit, criterion)(x) == pytest.approx(fit.order_criteria_[fit.n_components - 1], rel=1e-6)
+    if criterion == "bic":
+        assert fit.n_components == 3
+    for wrong in ({"k_max": 0}, {"k_min": 3, "k_max": 2}, {"criterion": "luck"}):
+        with pytest.raises(ogg_rs.InvalidParameter):
+            fit.select_order(x, **wrong)
+    with pytest.raises(ogg_rs.InvalidParameter, match="means_init"):
+        ogg_rs.GaussianMixture(means_init=[[0.0, 0.0]]).select_order(x)
+
+
+def fused_step(x, fit, errors):
+    """Equations (11) to (14) after one M step from `fit`, written down."""
+    shares = fit.predict_proba(x)
+    weights = shares.mean(axis=0)
+    reliability = (shares * errors[:, None]).sum(axis=0) / shares.sum(axis=0)
+    support = np.exp(-np.abs(reliability[:, None] - reliability[None]))
+    agreement = (support.sum(axis=1) - 1.0) / (len(weights) - 1)
+    omega = agreement / agreement.sum()
+    return reliability, omega, omega * weights / (omega * weights).sum()
+
+
+def test_weight_fusion_is_equations_11_to_14():
+    x = data()
+    errors = np.abs(np.random.default_rng(1).normal(size=len(x))) * (1.0 + (x[:, 0] > 0))
+    begin = start("full", x)
+    fusion = ogg_rs.WeightFusion(errors=errors)
+    with pytest.warns(ogg_rs.ConvergenceWarning):
+        fused = ogg_rs.GaussianMixture(3, max_iter=1, weight_fusion=fusion, **begin).fit(x)
+    begun = ogg_rs.GaussianMixture(3, **begin)
+    given = tuple(begin[name] for name in ("weights_init", "means_init", "precisions_init"))
+    begun._take(start_mixture(x, 3, "full", 1e-6, given, None))
+    begun.n_features_in_ = 3
+    reliability, omega, weights = fused_step(x, begun, errors)
+    np.testing.assert_allclose(fused.fusion_reliability_[-1], reliability, rtol=1e-9)
+    np.testing.assert_allclose(fused.fusion_omega_[-1], omega, rtol=1e-9)
+    np.testing.assert_allclose(fused.weights_, weights, rtol=1e-9)
+
+
+def test_the_literal_reading_changes_nothing():
+    x = np.cumsum(data(120), axis=0) * 0.1
+    arguments = {"max_iter": 500, "random_state": 0}
+    plain = ogg_rs.GaussianMixture(2, **arguments).fit(x)
+    literal = ogg_rs.GaussianMixture(2, weight_fusion="literal", **arguments).fit(x)
+    np.testing.assert_allclose(literal.means_, plain.means_, rtol=1e-6)
+    np.testing.assert_allclose(literal.fusion_omega_, 0.5)
+    assert not hasattr(plain, "fusion_omega_")
+    parts = ogg_rs.WeightFusion(order=(1, 1, 0), lengths=[60, 60])
+    fused = ogg_rs.GaussianMixture(2, weight_fusion=parts, **arguments).fit(x)
+    assert fused.fusion_omega_.shape[1] == 2
+    assert clone(fused).weight_fusion == parts
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    ["luck", 3, ogg_rs.WeightFusion(reading="other"), ogg_rs.WeightFusion(errors=[1.0]), ogg_rs.WeightFusion(order=(1, 0)),
+     ogg_rs.WeightFusion(lengths=[3]), ogg_rs.WeightFusion(errors=[-1.0] * 400)],
+)  # fmt: skip
+def test_fusion_that_does_not_fit_is_refused(wrong):
+    with pytest.raises(ogg_rs.InvalidParameter):
+        ogg_rs.GaussianMixture(2, weight_fusion=wrong).fit(data())

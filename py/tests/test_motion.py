@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import ogg_rs
+from ogg_rs import sim
 from ogg_rs.motion import JointLimits, Tracker
 
 LIMIT = {"lower_rad": -1.0, "upper_rad": 1.0, "velocity_rad_s": 2.0, "acceleration_rad_s2": 15.0, "jerk_rad_s3": 300.0}
@@ -93,3 +94,39 @@ def test_a_motion_model_of_one_gaussian_is_a_line(tmp_path):
         np.testing.assert_array_equal(twin.predict(times), got)
     with pytest.raises(ogg_rs.InvalidParameter, match="finite"):
         model.predict([0.0, np.nan])
+
+
+def test_teaching_finds_the_action_in_a_stream_and_takes_several_as_repetitions():
+    worker = sim.Worker(seed=1, action="move", period_s=4.0, variation=0.0)
+    t = np.arange(0.0, 18.0, 0.02)
+    joints = worker.poses(t).arm()
+    model = ogg_rs.MotionModel.teach([(t, joints)])
+    assert model.is_cyclic and model.duration_s == pytest.approx(4.0, abs=0.02)
+    assert model.teach_report["demonstrations"] == 4 and model.teach_report["samples"] == len(t)
+    at = np.linspace(0.0, 3.9, 40)
+    np.testing.assert_allclose(model.predict(at)[:, :3], worker.poses(at).arm()[:, 2], atol=6e-3)
+    # The same action as three separate recordings, one of them slower by a tenth.
+    once = t <= 4.0
+    several = [(t[once] * pace, joints[once]) for pace in (1.0, 1.1, 1.0)]
+    apart = ogg_rs.MotionModel.teach(several, components=4)
+    assert (apart.demonstrations, apart.is_cyclic) == (3, False)
+    assert apart.duration_s == pytest.approx(4.0, abs=0.03)
+    np.testing.assert_allclose(apart.predict(at)[:, :3], worker.poses(at).arm()[:, 2], atol=8e-3)
+    assert pickle.loads(pickle.dumps(model)).teach_report is None
+
+
+def test_teaching_leaves_out_what_was_not_seen_and_refuses_too_little():
+    t = np.arange(0.0, 9.0, 0.02)
+    joints = sim.Worker(seed=1, action="align", period_s=2.0).poses(t).arm()
+    joints[100:104, 1, 0] = np.nan
+    report = ogg_rs.MotionModel.teach([(t, joints)]).teach_report
+    assert report["complete"] == len(t) - 4 and report["bridged"] == 1
+    with pytest.raises(ogg_rs.InvalidParameter) as caught:
+        ogg_rs.MotionModel.teach([(t, np.full_like(joints, np.nan))])
+    assert caught.value.kind == "TooLittleSeen"
+    for wrong in ([], [(t, joints[:5])], [(t[::-1], joints)], [(t * np.nan, joints)], [(t,)], [(t, joints[:, :2])]):
+        with pytest.raises(ogg_rs.InvalidParameter):
+            ogg_rs.MotionModel.teach(wrong)
+    for setting in ({"element_s": np.nan}, {"rate_hz": 0.0}, {"components": 0}, {"smoothing_s": -1.0}):
+        with pytest.raises(ogg_rs.InvalidParameter):
+            ogg_rs.MotionModel.teach([(t, joints)], **setting)

@@ -13,7 +13,11 @@ def test_importing_the_package_needs_no_torch():
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
 
 
-@pytest.mark.parametrize("name", ["", ".errors", ".kin", ".motion", "._mixture", "._regressor", "._arima"])
+@pytest.mark.parametrize(
+    "name",
+    ["", ".can", ".errors", ".kin", ".motion", ".plot", ".pose", ".recording", ".sim", "._arima", "._mixture", "._model",
+     "._regressor"],
+)  # fmt: skip
 def test_the_examples_of_the_documentation_hold(name):
     done = doctest.testmod(importlib.import_module(f"ogg_rs{name}"), optionflags=doctest.NORMALIZE_WHITESPACE)
     assert done.attempted > 0

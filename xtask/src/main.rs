@@ -17,6 +17,7 @@ cargo xtask <task>
   fmt | lint | layers | docs
                            one step of the gate
   wheel                    build the Python wheel into target/wheels
+  wheel-test PYTHON...     install the wheel into empty environments of these interpreters and run the examples there
   vcan-test                the tests that need a real SocketCAN interface
   bench AREA [--json FILE] [-- ARGUMENTS OF THE BENCHMARK]
                            measure an area beside its peers and print a table
@@ -38,6 +39,7 @@ fn main() -> Result<()> {
         "layers" => layers::check(),
         "docs" => gate::docs(),
         "wheel" => python::wheel().map(drop),
+        "wheel-test" => python::wheel_test(rest),
         "vcan-test" => vcan::vcan_test(rest),
         "bench" => bench::run(rest),
         "help" | "--help" | "-h" => {
