@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from . import _native
 from ._arrays import FloatArray, count, vector
-from .errors import InvalidParameter, NotFitted
+from .errors import InvalidParameter, not_fitted
 
 
 class Arima:
@@ -57,7 +57,7 @@ class Arima:
 
     def _fitted(self) -> _native.Arima:
         if self._model is None:
-            raise NotFitted("this Arima is not fitted yet; call fit first")
+            raise not_fitted("this Arima is not fitted yet; call fit first")
         return self._model
 
     def _run(self, series: FloatArray) -> None:

@@ -20,6 +20,8 @@ def floats(what: str, values: ArrayLike) -> FloatArray:
     """
     if type(values) is np.ndarray and values.dtype == np.float64 and values.flags.c_contiguous:
         return values
+    if hasattr(values, "tocsr"):
+        raise InvalidParameter(f"{what}: expected a dense array, got a sparse one; use its toarray()", "Type")
     array: NDArray[Any]
     try:
         array = np.asarray(values)
@@ -27,22 +29,35 @@ def floats(what: str, values: ArrayLike) -> FloatArray:
             array = array.astype(np.float64)
     except (TypeError, ValueError) as error:
         raise InvalidParameter(f"{what}: expected an array of real numbers: {error}", "Type") from error
+    if array.dtype.kind == "c":
+        raise InvalidParameter(f"{what}: expected real numbers. Complex data not supported", "Type")
     if array.dtype.kind not in "fiub":
         raise InvalidParameter(f"{what}: expected real numbers, got dtype {array.dtype}", "Type")
     return np.require(array, np.float64, "C")
 
 
-def rows(what: str, values: ArrayLike, columns: int | None = None) -> FloatArray:
-    """`values` as `(n, d)`, `n >= 1`.
+def rows(what: str, values: ArrayLike, columns: int | None = None, owner: str = "this") -> FloatArray:
+    """`values` as `(n, d)`, `n >= 1`, `d >= 1`.
 
     Raises:
-        InvalidParameter: Another number of axes, no row, or another number of columns than `columns`.
+        InvalidParameter: Another number of axes, no row or column, or another number of columns than `columns`, which
+            `owner` asks for.
     """
     array = floats(what, values)
     if array.ndim != 2:
-        raise InvalidParameter(f"{what}: expected a 2D array (n, d), got shape {array.shape}", "Shape")
+        raise InvalidParameter(
+            f"{what}: expected a 2D array (n, d), got shape {array.shape}. Reshape your data: (-1, 1) makes one column, "
+            "(1, -1) one row",
+            "Shape",
+        )
+    if array.shape[1] == 0:
+        raise InvalidParameter(
+            f"{what}: 0 feature(s) (shape={array.shape}) while a minimum of 1 is required.", "Shape"
+        )
     if columns is not None and array.shape[1] != columns:
-        raise InvalidParameter(f"{what}: expected {columns} features, got {array.shape[1]} features", "Shape")
+        raise InvalidParameter(
+            f"{what} has {array.shape[1]} features, but {owner} is expecting {columns} features as input", "Shape"
+        )
     if array.shape[0] == 0:
         raise InvalidParameter(f"{what}: expected at least 1 sample, got 0 sample(s)", "Shape")
     return array

@@ -16,6 +16,20 @@ RandomState = int | np.random.RandomState | np.random.Generator | None
 class Estimator:
     """Parameters by name; everything a fit learns ends in an underscore."""
 
+    _estimator_type = ""
+
+    def __sklearn_tags__(self) -> Any:
+        """What scikit-learn, which alone asks, has to know: NaN is taken, and who needs a `y`."""
+        from sklearn.utils import InputTags, RegressorTags, Tags, TargetTags
+
+        predicts = self._estimator_type == "regressor"
+        return Tags(
+            estimator_type=self._estimator_type,
+            target_tags=TargetTags(required=predicts, multi_output=predicts, single_output=True),
+            regressor_tags=RegressorTags() if predicts else None,
+            input_tags=InputTags(allow_nan=True),
+        )
+
     @classmethod
     def _names(cls) -> list[str]:
         return [name for name in inspect.signature(cls.__init__).parameters if name != "self"]

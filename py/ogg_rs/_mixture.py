@@ -14,9 +14,18 @@ from ._arrays import FloatArray, count, real, rows, vector
 from ._estimator import Estimator, RandomState, legacy_random
 from ._fusion import WeightFusion, fusion_errors
 from ._start import covariance_shape, from_responsibilities, full_covariances, precision_factors, start_mixture
-from .errors import ConvergenceWarning, InvalidParameter, NotFitted, NumericalError
+from .errors import ConvergenceWarning, InvalidParameter, NumericalError, not_fitted
 
 Self = TypeVar("Self", bound="MixtureEstimator")
+
+
+def _weights(sample_weight: ArrayLike | None, n: int) -> FloatArray | None:
+    if sample_weight is None:
+        return None
+    weights = vector("sample_weight", sample_weight, n)
+    if not weights.any():
+        raise InvalidParameter("sample_weight: every weight is zero, expected one above", "Domain")
+    return weights
 
 
 class MixtureEstimator(Estimator):
@@ -68,7 +77,7 @@ class MixtureEstimator(Estimator):
     def _fitted(self) -> _native.Mixture:
         mixture: _native.Mixture | None = self.__dict__.get("_mixture")
         if mixture is None:
-            raise NotFitted(f"this {type(self).__name__} is not fitted yet; call fit first")
+            raise not_fitted(f"this {type(self).__name__} is not fitted yet; call fit first")
         return mixture
 
     def __sklearn_is_fitted__(self) -> bool:
@@ -96,7 +105,7 @@ class MixtureEstimator(Estimator):
         settings = self._settings()
         restarts = count("n_init", self.n_init, 1)
         settings["components"] = k
-        settings["weights"] = None if sample_weight is None else vector("sample_weight", sample_weight, x.shape[0])
+        settings["weights"] = _weights(sample_weight, x.shape[0])
         settings["fusion"] = fusion_errors(x, self.weight_fusion)
         random = legacy_random(self.random_state)
         previous: _native.Mixture | None = self.__dict__.get("_mixture") if self.warm_start else None
@@ -215,6 +224,8 @@ class GaussianMixture(MixtureEstimator):
     (1.0, 1.0)
     """
 
+    _estimator_type = "density_estimator"
+
     def fit(self: Self, X: ArrayLike, y: Any = None, *, sample_weight: ArrayLike | None = None) -> Self:
         """Fits to `X: (n, d)`; `y` is ignored. The interpreter is released meanwhile.
 
@@ -239,7 +250,7 @@ class GaussianMixture(MixtureEstimator):
     def predict(self, X: ArrayLike) -> NDArray[np.int64]:
         """The likeliest component of each row, `(n,)`; NaN is integrated out, as in all methods below."""
         mixture = self._fitted
-        x = rows("X", X, self.n_features_in_)
+        x = rows("X", X, self.n_features_in_, type(self).__name__)
         if np.isnan(x).any():
             return self._responsibilities(x).argmax(axis=1)
         return mixture.labels(x)
@@ -247,13 +258,13 @@ class GaussianMixture(MixtureEstimator):
     def predict_proba(self, X: ArrayLike) -> FloatArray:
         """Probability of each component for each row, `(n, k)`."""
         mixture = self._fitted
-        x = rows("X", X, self.n_features_in_)
+        x = rows("X", X, self.n_features_in_, type(self).__name__)
         return self._responsibilities(x) if np.isnan(x).any() else mixture.responsibilities(x)
 
     def score_samples(self, X: ArrayLike) -> FloatArray:
         """Log density of each row, `(n,)`; of the values that were seen, where some are NaN."""
         mixture = self._fitted
-        x = rows("X", X, self.n_features_in_)
+        x = rows("X", X, self.n_features_in_, type(self).__name__)
         if not np.isnan(x).any():
             return mixture.log_densities(x)
         out = np.zeros(len(x))
@@ -383,7 +394,7 @@ class GaussianMixture(MixtureEstimator):
             criterion=criterion,
             restarts=count("n_init", self.n_init, 1),
             seed=int(legacy_random(self.random_state).randint(2**31)),
-            weights=None if sample_weight is None else vector("sample_weight", sample_weight, x.shape[0]),
+            weights=_weights(sample_weight, x.shape[0]),
             **self._settings(),
         )
         self._take_fit(mixture, report)

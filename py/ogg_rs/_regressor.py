@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterable
+from typing import Any, Literal, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,6 +11,7 @@ from numpy.typing import ArrayLike
 from . import _native
 from ._arrays import FloatArray, floats, rows
 from ._mixture import MixtureEstimator
+from ._start import full_covariances
 from .errors import InvalidParameter
 
 
@@ -32,6 +34,9 @@ class GaussianMixtureRegressor(MixtureEstimator):
     (1.5, 2.0)
     """
 
+    _estimator_type = "regressor"
+    _regressor: _native.Regressor
+
     def fit(
         self, X: ArrayLike, y: ArrayLike, *, sample_weight: ArrayLike | None = None
     ) -> GaussianMixtureRegressor:
@@ -41,55 +46,89 @@ class GaussianMixtureRegressor(MixtureEstimator):
             InvalidParameter: A parameter or array is out of its domain.
             NumericalError: Every start ended in an empty or collapsed component.
         """
-        x, target = rows("X", X), floats("y", y)
+        x = rows("X", X)
+        if y is None:
+            raise InvalidParameter(f"{type(self).__name__} requires y to be passed, but the target y is None", "Missing")
+        target = floats("y", y)
         if target.ndim not in (1, 2) or target.shape[0] != x.shape[0] or target.size == 0:
             raise InvalidParameter(f"y: expected ({x.shape[0]},) or ({x.shape[0]}, m), got {target.shape}", "Shape")
+        if not np.isfinite(target).all():
+            raise InvalidParameter("y: expected finite numbers, got NaN or infinity (inf)", "NotFinite")
         self._flat = target.ndim == 1
         joint = np.column_stack((x, target))
         self._fit_joint(joint, sample_weight)
         self.n_features_in_ = x.shape[1]
         self.n_outputs_ = joint.shape[1] - x.shape[1]
-        self.__dict__.pop("_prepared", None)
+        self._regressor = self._given(range(x.shape[1]))
         return self
 
-    @property
-    def _regressor(self) -> _native.Regressor:
-        mixture = self._fitted
-        if "_prepared" not in self.__dict__:
-            d = self.n_features_in_
-            self._prepared = _native.Regressor(mixture, list(range(d)), list(range(d, d + self.n_outputs_)))
-        return self._prepared
+    def _given(self, inputs: Iterable[int]) -> _native.Regressor:
+        """The regression on some of the columns of `X`."""
+        d = self.n_features_in_
+        return _native.Regressor(self._fitted, list(inputs), list(range(d, d + self.n_outputs_)))
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name != "_prepared"}
+        return {name: value for name, value in self.__dict__.items() if name != "_regressor"}
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        if "_mixture" in state:
+            self._regressor = self._given(range(self.n_features_in_))
+
+    @overload
+    def predict(self, X: ArrayLike, return_cov: Literal[False] = False) -> FloatArray: ...
+    @overload
+    def predict(self, X: ArrayLike, return_cov: Literal[True]) -> tuple[FloatArray, FloatArray]: ...
     def predict(self, X: ArrayLike, return_cov: bool = False) -> FloatArray | tuple[FloatArray, FloatArray]:
         """Conditional mean at `X: (q, d)`, in the shape of `y`: `(q,)` or `(q, m)`.
 
         Args:
-            X: Queries.
+            X: Queries. NaN is a value that is not known; the answer is given by the others.
             return_cov: Also return the conditional covariance, `(q,)` or `(q, m, m)`.
 
         Raises:
             NumericalError: A query lies so far out that no component reaches it.
         """
-        regressor = self._regressor
-        x = rows("X", X, self.n_features_in_)
-        if not return_cov:
-            means = regressor.means(x)
+        self._fitted  # noqa: B018  raises where nothing is fitted
+        x = rows("X", X, self.n_features_in_, type(self).__name__)
+        if np.isnan(x).any():
+            means, covariances = self._predict_seen(x)
+        elif return_cov:
+            means, covariances = self._regressor.means_and_covariances(x)
+        else:
+            means = self._regressor.means(x)
             return means[:, 0] if self._flat else means
-        means, covariances = regressor.means_and_covariances(x)
-        return (means[:, 0], covariances[:, 0, 0]) if self._flat else (means, covariances)
+        if self._flat:
+            means, covariances = means[:, 0], covariances[:, 0, 0]
+        return (means, covariances) if return_cov else means
+
+    def _predict_seen(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        d, m = self.n_features_in_, self.n_outputs_
+        means, covariances = np.empty((len(x), m)), np.empty((len(x), m, m))
+        patterns, which = np.unique(~np.isnan(x), axis=0, return_inverse=True)
+        for number, pattern in enumerate(patterns):
+            at, seen = np.flatnonzero(which.reshape(-1) == number), np.flatnonzero(pattern)
+            if len(seen) > 0:
+                queries = np.ascontiguousarray(x[np.ix_(at, seen)])
+                means[at], covariances[at] = self._given(seen.tolist()).means_and_covariances(queries)
+            else:
+                # Nothing is known: mean and covariance of the outputs over all components.
+                full = full_covariances(self._fitted.kind, self.covariances_, *self.means_.shape)[:, d:, d:]
+                centre = self.weights_ @ self.means_[:, d:]
+                away = self.means_[:, d:] - centre
+                spread = np.einsum("k,kij->ij", self.weights_, full)
+                means[at], covariances[at] = centre, spread + np.einsum("k,ki,kj->ij", self.weights_, away, away)
+        return means, covariances
 
     def predict_derivative(self, X: ArrayLike) -> FloatArray:
         """Derivative of the prediction by `X`, `(q, d)` or `(q, m, d)`."""
-        regressor = self._regressor
-        slopes = regressor.derivatives(rows("X", X, self.n_features_in_))
+        self._fitted  # noqa: B018  raises where nothing is fitted
+        slopes = self._regressor.derivatives(rows("X", X, self.n_features_in_, type(self).__name__))
         return slopes[:, 0] if self._flat else slopes
 
     def score(self, X: ArrayLike, y: ArrayLike) -> float:
         """Coefficient of determination R^2, averaged over the outputs."""
-        predicted = np.asarray(self.predict(X))
+        predicted = self.predict(X)
         target = floats("y", y)
         if target.shape != predicted.shape:
             raise InvalidParameter(f"y: expected shape {predicted.shape}, got {target.shape}", "Shape")

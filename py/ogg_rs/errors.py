@@ -12,6 +12,10 @@ the exact error and `detail` holds its fields.
 TooFewSamples - mixture fit: expected at least 3 samples, got 2
 """
 
+from __future__ import annotations
+
+import sys
+
 
 class OggError(Exception):
     """Base of all errors.
@@ -47,6 +51,19 @@ class NotFitted(OggError, ValueError, AttributeError):
 
     def __init__(self, message: str = "", kind: str = "NotFitted", detail: str = "") -> None:
         super().__init__(message, kind, detail)
+
+
+    def __reduce__(self) -> tuple[type[OggError], tuple[str, str, str]]:
+        return (NotFitted, (str(self), self.kind, self.detail))
+
+
+def not_fitted(message: str) -> NotFitted:
+    """The exception to raise; where scikit-learn is loaded, it is also scikit-learn's own."""
+    sklearn = sys.modules.get("sklearn.exceptions")
+    if sklearn is None:
+        return NotFitted(message)
+    both: type[NotFitted] = type("NotFitted", (NotFitted, sklearn.NotFittedError), {"__module__": __name__})
+    return both(message)
 
 
 class MissingDependency(OggError, ImportError):

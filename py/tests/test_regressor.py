@@ -89,5 +89,26 @@ def test_targets_that_do_not_fit_are_refused():
     for wrong in (y[:-1], y[:, :, None], np.empty((len(x), 0))):
         with pytest.raises(ogg_rs.InvalidParameter, match="y: expected"):
             ogg_rs.GaussianMixtureRegressor().fit(x, wrong)
-    with pytest.raises(ogg_rs.InvalidParameter, match="expected 2 features, got 1"):
+    with pytest.raises(ogg_rs.InvalidParameter, match="has 1 features, but .* is expecting 2"):
         ogg_rs.GaussianMixtureRegressor().fit(x, y).predict(x[:, :1])
+
+
+def test_what_is_not_known_of_a_query_is_integrated_out():
+    rng = np.random.default_rng(0)
+    joint = rng.multivariate_normal([0, 1, 2, 3], np.eye(4) + 0.5, 400)
+    x, y = joint[:, :3], joint[:, 3]
+    fit = ogg_rs.GaussianMixtureRegressor(reg_covar=0.0).fit(x, y)
+    cov, mean = np.cov(joint.T, bias=True), joint.mean(axis=0)
+    query = np.array([[0.5, np.nan, 1.0], [np.nan] * 3, [0.1, 0.2, 0.3]])
+    got, spread = fit.predict(query, return_cov=True)
+    for row, value, variance in zip(query, got, spread, strict=True):
+        seen = np.flatnonzero(~np.isnan(row))
+        slope = np.linalg.solve(cov[np.ix_(seen, seen)], cov[seen, 3]) if len(seen) else np.zeros(0)
+        assert value == pytest.approx(mean[3] + slope @ (row[seen] - mean[seen]), rel=1e-9)
+        assert variance == pytest.approx(cov[3, 3] - slope @ cov[seen, 3], rel=1e-9)
+    np.testing.assert_array_equal(fit.predict(query), got)
+    with pytest.raises(ogg_rs.InvalidParameter, match="finite"):
+        fit.predict_derivative(query)
+    for bad in (None, np.full(400, np.nan), np.full(400, np.inf)):
+        with pytest.raises(ogg_rs.InvalidParameter):
+            fit.fit(x, bad)
