@@ -8,8 +8,8 @@ mod common;
 use std::time::Duration;
 
 use can_driver::{
-    Angle, Command, ControllerState, Drive, Event, HostParams, HostState, JointLimits, JointState, Message, Mode,
-    Protocol, SetCounts, StopCause,
+    Angle, Command, Config, ControllerState, Counted, Drive, Event, HostParams, HostState, JointLimits, JointState,
+    Message, Mode, Protocol, SetCounts, StopCause,
 };
 use common::{LIMITS, Rig};
 
@@ -364,6 +364,43 @@ fn limits_wider_than_the_controllers_own_are_refused() {
     rig.run(1000 * MS, Command::Standby);
     assert_eq!(rig.host_out.as_ref().unwrap().cause, Some(StopCause::LimitsMismatch));
     assert_ne!(rig.controller_state(), ControllerState::Ready);
+}
+
+#[test]
+fn limits_are_sealed_only_when_all_are_written_and_the_sum_is_right() {
+    const KEY_BEGIN: u8 = 240;
+    const KEY_SEAL: u8 = 241;
+    // The sum arrives changed.
+    let mut rig = Rig::new(6);
+    for _ in 0..1000 {
+        rig.step(Command::Standby, &mut |rx: &mut Vec<Event>| {
+            forge(rx, |message| {
+                if let Message::Config(config) = message
+                    && config.key == KEY_SEAL
+                {
+                    config.value ^= 1;
+                }
+            });
+        });
+        assert_eq!(rig.controller_state(), ControllerState::Unconfigured);
+    }
+    // The sum is right, but nothing was written that it could be the sum of.
+    let mut rig = Rig::new(6);
+    let protocol = Protocol::new(0).unwrap();
+    let mut write = |key, value| {
+        let message = Message::Config(Config { key, value });
+        let frame = protocol.encode(&Counted { message, counter: 1 });
+        rig.now += 5 * MS;
+        let out = rig.controller.tick(rig.now, &[Event::frame(rig.now, frame)], &rig.joints);
+        let reply = out.tx.iter().find_map(|f| match protocol.decode(f) {
+            Ok(Some(Counted { message: Message::ConfigReply(stored), .. })) => Some(stored.value),
+            _ => None,
+        });
+        (reply.unwrap(), out.state)
+    };
+    write(KEY_BEGIN, 5_000);
+    let (sum, _) = write(KEY_SEAL, 0);
+    assert_eq!(write(KEY_SEAL, sum), (sum, ControllerState::Unconfigured));
 }
 
 #[test]
