@@ -17,7 +17,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("sim", &["can-driver", "kin"]),
     ("follow", &["gmr-core", "kin", "motion"]),
     ("ogg", &["can-driver", "follow", "gmr-core", "kin", "motion", "pose", "sim"]),
-    ("ogg-rs-py", &["follow", "gmr-core", "kin", "motion"]),
+    ("ogg-rs-py", &["can-driver", "follow", "gmr-core", "kin", "motion", "ogg", "pose", "sim"]),
     ("system-tests", &["can-driver"]),
     ("xtask", &[]),
 ];
