@@ -4,6 +4,7 @@ mod assemble;
 mod landmarks;
 mod openpose;
 mod peaks;
+mod proportion;
 
 pub use openpose::{Field, MapView, OpenPoseDecoder};
 

@@ -11,42 +11,55 @@ use super::peaks::Peak;
 pub(crate) struct Connection {
     pub(crate) from: usize,
     pub(crate) to: usize,
+    /// Line integral of the field, less what a great length costs.
     pub(crate) score: f32,
+    /// By which limbs are ranked: `score` and a share of the two peaks.
+    pub(crate) rank: f32,
 }
 
-/// For every body and part, the index of the candidate.
-pub(crate) fn assemble(
-    peaks: &[Vec<Peak>],
-    limbs: &[[usize; 2]],
-    connections: &[Vec<Connection>],
-) -> Vec<Vec<Option<usize>>> {
+/// What belongs together.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Body {
+    /// For every part, the index of the candidate.
+    pub(crate) parts: Vec<Option<usize>>,
+    /// Scores of the limbs that joined it, summed.
+    pub(crate) limb_sum: f32,
+    /// Those limbs: index and connection.
+    pub(crate) limbs: Vec<(usize, Connection)>,
+}
+
+/// All bodies, in the order in which they were started.
+pub(crate) fn assemble(peaks: &[Vec<Peak>], limbs: &[[usize; 2]], connections: &[Vec<Connection>]) -> Vec<Body> {
     let parts = peaks.len();
-    let mut bodies: Vec<Vec<Option<usize>>> = Vec::new();
+    let mut bodies: Vec<Body> = Vec::new();
     let mut seen = vec![false; parts];
-    for (&[from, to], matched) in limbs.iter().zip(connections) {
+    for (limb, (&[from, to], matched)) in limbs.iter().zip(connections).enumerate() {
         let closes_loop = seen[from] && seen[to];
         seen[from] = true;
         seen[to] = true;
         for c in matched {
-            let with_from = bodies.iter().position(|b| b[from] == Some(c.from));
-            let with_to = bodies.iter().position(|b| b[to] == Some(c.to));
+            let with_from = bodies.iter().position(|b| b.parts[from] == Some(c.from));
+            let with_to = bodies.iter().position(|b| b.parts[to] == Some(c.to));
             match (with_from, with_to) {
                 (Some(i), Some(j)) if i != j => {
-                    let disjoint = bodies[i].iter().zip(&bodies[j]).all(|(a, b)| a.is_none() || b.is_none());
-                    if disjoint {
+                    let pairs = bodies[i].parts.iter().zip(&bodies[j].parts);
+                    if pairs.into_iter().all(|(a, b)| a.is_none() || b.is_none()) {
                         let (keep, drop) = (i.min(j), i.max(j));
                         let other = bodies.swap_remove(drop);
-                        for (slot, choice) in bodies[keep].iter_mut().zip(other) {
+                        for (slot, choice) in bodies[keep].parts.iter_mut().zip(other.parts) {
                             *slot = slot.or(choice);
                         }
+                        bodies[keep].limb_sum += other.limb_sum + c.score;
+                        bodies[keep].limbs.extend(other.limbs);
+                        bodies[keep].limbs.push((limb, *c));
                     }
                 }
-                (Some(i), None) => fill(&mut bodies[i][to], c.to, &peaks[to]),
-                (None, Some(j)) => fill(&mut bodies[j][from], c.from, &peaks[from]),
+                (Some(i), None) => bodies[i].fill((to, c.to), (limb, *c), &peaks[to]),
+                (None, Some(j)) => bodies[j].fill((from, c.from), (limb, *c), &peaks[from]),
                 (None, None) if !closes_loop => {
-                    let mut body = vec![None; parts];
-                    body[from] = Some(c.from);
-                    body[to] = Some(c.to);
+                    let mut body = Body { parts: vec![None; parts], limb_sum: c.score, limbs: vec![(limb, *c)] };
+                    body.parts[from] = Some(c.from);
+                    body.parts[to] = Some(c.to);
                     bodies.push(body);
                 }
                 // Both ends are in one body already, or a loop would start one.
@@ -57,9 +70,17 @@ pub(crate) fn assemble(
     bodies
 }
 
-/// A part that is there already stays, unless the new candidate is stronger.
-fn fill(slot: &mut Option<usize>, candidate: usize, peaks: &[Peak]) {
-    if slot.is_none_or(|old| peaks[candidate].score > peaks[old].score) {
-        *slot = Some(candidate);
+impl Body {
+    /// A part that is there already stays, unless the new candidate is stronger.
+    fn fill(&mut self, (part, candidate): (usize, usize), limb: (usize, Connection), peaks: &[Peak]) {
+        match &mut self.parts[part] {
+            Some(old) if peaks[candidate].score <= peaks[*old].score => {}
+            Some(old) => *old = candidate,
+            slot @ None => {
+                *slot = Some(candidate);
+                self.limb_sum += limb.1.score;
+                self.limbs.push(limb);
+            }
+        }
     }
 }
