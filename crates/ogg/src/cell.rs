@@ -72,7 +72,7 @@ impl Cell {
         let lift = lift(&config).or_else(|error| {
             // A file that cannot be read at all is the better news to start with.
             sources(&config, Some(Duration::ZERO), None)?;
-            network(&config)?;
+            network(&config.pose)?;
             Err(error)
         })?;
         let [x, y, z] = config.robot.base_in_world_m;
@@ -86,39 +86,12 @@ impl Cell {
     /// # Errors
     /// [`Error::Pose`], with the file, what it holds and what was expected.
     pub fn vision(&self) -> Result<Vision, Error> {
-        let model = network(&self.config)?;
+        let (model, runtime) = open_network(&self.config.pose)?;
         let side = match self.config.worker.side {
             config::Side::Left => pose::Side::Left,
             config::Side::Right => pose::Side::Right,
         };
-        Vision::load(&model, &self.runtime()?, side, self.lift.clone())
-    }
-
-    fn runtime(&self) -> Result<Runtime, Error> {
-        let pose = &self.config.pose;
-        let provider: ExecutionProvider = serde_json::from_value(pose.provider.clone().into())
-            .map_err(|e| Error::Usage(format!("pose.provider: {e}")))?;
-        let library = if pose.onnxruntime.as_deref() == Some("tract") {
-            LibraryChoice::PureRust
-        } else {
-            let explicit = pose.onnxruntime.as_ref().map(PathBuf::from);
-            let environment = std::env::var_os(ONNXRUNTIME_VARIABLE).map(PathBuf::from);
-            let binary = std::env::current_exe().ok();
-            let python: Vec<PathBuf> = ["VIRTUAL_ENV", "CONDA_PREFIX"]
-                .iter()
-                .filter_map(std::env::var_os)
-                .flat_map(|prefix| pose::python_site_packages(Path::new(&prefix)))
-                .collect();
-            LibraryChoice::Search(pose::onnxruntime_candidates(&LibrarySearch {
-                explicit: explicit.as_deref(),
-                environment: environment.as_deref(),
-                binary_dir: binary.as_deref().and_then(Path::parent),
-                python: &python,
-                system: true,
-            }))
-        };
-        let threads = Some(pose.threads);
-        Ok(Runtime::load(RuntimeOptions { library, provider, fallback: None, threads, spin: false })?)
+        Vision::load(&model, &runtime, side, self.lift.clone())
     }
 
     /// Opens the pictures. `length` ends the synthetic worker; `epoch` is the zero of a camera's capture times.
@@ -297,10 +270,10 @@ fn sources(
 }
 
 /// Finds card and weights of the network.
-fn network(config: &Config) -> Result<Model, Error> {
-    let mut folders: Vec<PathBuf> = config.pose.weights_dir.iter().cloned().collect();
+fn network(pose: &config::Pose) -> Result<Model, Error> {
+    let mut folders: Vec<PathBuf> = pose.weights_dir.iter().cloned().collect();
     folders.extend(std::env::var_os(WEIGHTS_VARIABLE).map(PathBuf::from));
-    Ok(Model::find(Path::new(&config.pose.card), &folders)?)
+    Ok(Model::find(Path::new(&pose.card), &folders)?)
 }
 
 /// Reads the calibration and pairs it with the views.
@@ -365,4 +338,36 @@ fn paired(path: &Path, cameras: &[Camera], views: &[&PathBuf]) -> Result<Vec<Cam
             views.iter().map(stem).collect::<Vec<_>>().join(", ")
         ),
     })
+}
+
+/// The network that a configuration names, and the runtime it asks for.
+///
+/// # Errors
+/// [`Error::Usage`] for an unknown provider, [`Error::Pose`] for a model or a library that is not there or not what it says.
+pub(crate) fn open_network(pose: &config::Pose) -> Result<(Model, Runtime), Error> {
+    let model = network(pose)?;
+    let provider: ExecutionProvider = serde_json::from_value(pose.provider.clone().into())
+        .map_err(|e| Error::Usage(format!("pose.provider: {e}")))?;
+    let library = if pose.onnxruntime.as_deref() == Some("tract") {
+        LibraryChoice::PureRust
+    } else {
+        let explicit = pose.onnxruntime.as_ref().map(PathBuf::from);
+        let environment = std::env::var_os(ONNXRUNTIME_VARIABLE).map(PathBuf::from);
+        let binary = std::env::current_exe().ok();
+        let python: Vec<PathBuf> = ["VIRTUAL_ENV", "CONDA_PREFIX"]
+            .iter()
+            .filter_map(std::env::var_os)
+            .flat_map(|prefix| pose::python_site_packages(Path::new(&prefix)))
+            .collect();
+        LibraryChoice::Search(pose::onnxruntime_candidates(&LibrarySearch {
+            explicit: explicit.as_deref(),
+            environment: environment.as_deref(),
+            binary_dir: binary.as_deref().and_then(Path::parent),
+            python: &python,
+            system: true,
+        }))
+    };
+    let threads = Some(pose.threads);
+    let runtime = Runtime::load(RuntimeOptions { library, provider, fallback: None, threads, spin: false })?;
+    Ok((model, runtime))
 }

@@ -37,6 +37,9 @@ pub enum Command {
         /// The file.
         file: PathBuf,
     },
+    /// Score a pose network, or draw what it finds.
+    #[command(subcommand)]
+    Pose(crate::commands::PoseCommand),
     /// Run the controller side of the joint protocol on a CAN interface, with the simulated arm behind it.
     Controller(crate::can_tools::ControllerArgs),
     /// Look at a CAN bus: monitor, log, replay.

@@ -18,6 +18,31 @@ pub use region::RegionOptions;
 
 use region::Tracker;
 
+/// A part of the work on one look at a picture, in the order in which they are done.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Stage {
+    /// From picture to input tensor.
+    Preprocess,
+    /// The network.
+    Network,
+    /// From its numbers to people.
+    Decode,
+}
+
+impl Stage {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Preprocess, Self::Network, Self::Decode];
+
+    /// Name for tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Preprocess => "preprocess",
+            Self::Network => "network",
+            Self::Decode => "decode",
+        }
+    }
+}
+
 /// Finds people in the pictures of one camera.
 ///
 /// A network for one person looks at a square around the person of the picture before. In the first picture, and after the
@@ -65,7 +90,7 @@ impl Estimator {
         };
         let (w, h) = (new.preprocessor.width(), new.preprocessor.height());
         let grey = vec![128; w * h * 3];
-        new.look(ImageView::new(w, h, &grey)?, CropMap::letterbox(w, h, w, h))?;
+        new.look(ImageView::new(w, h, &grey)?, CropMap::letterbox(w, h, w, h), &mut |_| {})?;
         new.last = None;
         Ok(new)
     }
@@ -75,11 +100,20 @@ impl Estimator {
     /// # Errors
     /// [`Error::Inference`](crate::Error::Inference), [`Error::NonFinite`](crate::Error::NonFinite), [`Error::WrongShape`](crate::Error::WrongShape).
     pub fn estimate(&mut self, image: ImageView<'_>) -> Result<Vec<Person>> {
+        self.estimate_observed(image, &mut |_| {})
+    }
+
+    /// As [`Estimator::estimate`], and says at the end of each stage which one it was, so that the caller's clock can time
+    /// them. A search looks several times at one picture.
+    ///
+    /// # Errors
+    /// As [`Estimator::estimate`].
+    pub fn estimate_observed(&mut self, image: ImageView<'_>, observe: &mut dyn FnMut(Stage)) -> Result<Vec<Person>> {
         self.fit_shape(image);
         let Some(mut tracker) = self.tracker.take() else {
-            return self.look(image, self.letterbox(image));
+            return self.look(image, self.letterbox(image), observe);
         };
-        let found = self.track(image, &mut tracker);
+        let found = self.track(image, &mut tracker, observe);
         self.tracker = Some(tracker);
         found
     }
@@ -106,22 +140,27 @@ impl Estimator {
         self.last
     }
 
-    fn track(&mut self, image: ImageView<'_>, tracker: &mut Tracker) -> Result<Vec<Person>> {
+    fn track(
+        &mut self,
+        image: ImageView<'_>,
+        tracker: &mut Tracker,
+        observe: &mut dyn FnMut(Stage),
+    ) -> Result<Vec<Person>> {
         let size = (self.preprocessor.width(), self.preprocessor.height());
         if let Some(crop) = tracker.next_crop(size) {
-            let people = self.look(image, crop)?;
+            let people = self.look(image, crop, observe)?;
             if tracker.follow(&people) {
                 return Ok(people);
             }
         }
-        let mut people = self.search(image, tracker, size)?;
+        let mut people = self.search(image, tracker, size, observe)?;
         // Each further look is at a crop that fits the person better.
         for _ in 0..tracker.refinements() {
             if !tracker.follow(&people) {
                 break;
             }
             let Some(crop) = tracker.next_crop(size) else { break };
-            let again = self.look(image, crop)?;
+            let again = self.look(image, crop, observe)?;
             if score(&again) < score(&people) {
                 break;
             }
@@ -134,13 +173,19 @@ impl Estimator {
     }
 
     /// The whole picture, then parts of it until somebody is there.
-    fn search(&mut self, image: ImageView<'_>, tracker: &Tracker, size: (usize, usize)) -> Result<Vec<Person>> {
-        let mut best = self.look(image, self.letterbox(image))?;
+    fn search(
+        &mut self,
+        image: ImageView<'_>,
+        tracker: &Tracker,
+        size: (usize, usize),
+        observe: &mut dyn FnMut(Stage),
+    ) -> Result<Vec<Person>> {
+        let mut best = self.look(image, self.letterbox(image), observe)?;
         if tracker.is_somebody(&best) {
             return Ok(best);
         }
         for crop in tracker.search_crops(image.width(), image.height(), size) {
-            let people = self.look(image, crop)?;
+            let people = self.look(image, crop, observe)?;
             if score(&people) > score(&best) {
                 best = people;
             }
@@ -168,14 +213,16 @@ impl Estimator {
     }
 
     /// One run of the network on one crop.
-    fn look(&mut self, image: ImageView<'_>, crop: CropMap) -> Result<Vec<Person>> {
+    fn look(&mut self, image: ImageView<'_>, crop: CropMap, observe: &mut dyn FnMut(Stage)) -> Result<Vec<Person>> {
         let Self { card, network, preprocessor, decoder, last, .. } = self;
         preprocessor.fill(image, crop);
+        observe(Stage::Preprocess);
         *last = Some(crop);
         let path = network.path();
         let size = (preprocessor.width(), preprocessor.height());
         let names = card.output_names();
         let mut people = network.run(preprocessor, &names, |outputs| {
+            observe(Stage::Network);
             let wrong = |i: usize, expected: String| {
                 Network::wrong_shape(path.clone(), &format!("output {}", names[i]), expected, outputs[i].shape)
             };
@@ -212,6 +259,7 @@ impl Estimator {
         for keypoint in people.iter_mut().flat_map(|p| p.keypoints.iter_mut().flatten()) {
             (keypoint.u_px, keypoint.v_px) = crop.to_picture(keypoint.u_px, keypoint.v_px);
         }
+        observe(Stage::Decode);
         Ok(people)
     }
 }

@@ -24,7 +24,7 @@ pub use card::{
 };
 pub use decode::{Field, MapView, OpenPoseDecoder, Peak};
 pub use error::{Error, Result};
-pub use estimator::{Estimator, RegionOptions};
+pub use estimator::{Estimator, RegionOptions, Stage};
 pub use eval::{COCO_17_SIGMAS, DetectedPose, LabelledPose, OksParams, OksSummary, PckCounts, Subset, pck};
 pub use filter::{Hampel, Kalman, OneEuro, OneEuroParams};
 pub use gate::{ArmGate, ArmJoint, ArmKeypoints, GateOptions, JointEstimate, Refusal};

@@ -2,7 +2,7 @@
 //! `openpose-mobilenet-v2-small.onnx`, `OGG_POSE_PICTURES` one with pictures of COCO's val2014, `ORT_DYLIB_PATH` ONNX
 //! Runtime; without them the test says so and passes.
 #![expect(clippy::disallowed_methods, reason = "the test data are named by the environment")]
-#![expect(clippy::unwrap_used, clippy::reason = "tests")]
+#![expect(clippy::unwrap_used, reason = "tests")]
 
 use std::path::{Path, PathBuf};
 

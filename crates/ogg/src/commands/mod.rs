@@ -5,6 +5,7 @@ mod follow_daemon;
 mod follow_run;
 mod inspect;
 mod options;
+mod pose;
 
 use std::error::Error as _;
 use std::ffi::OsString;
@@ -15,6 +16,8 @@ use clap::Parser as _;
 use crate::cli::{Cli, Command, Follow};
 use crate::config::BUILTIN_CELL;
 use crate::error::Error;
+
+pub use pose::PoseCommand;
 
 /// The whole command: arguments, the program's name first, to exit code. Ends no process, so that a host program may call it.
 pub fn main(arguments: impl IntoIterator<Item = OsString>) -> u8 {
@@ -51,6 +54,7 @@ pub fn run(cli: Cli) -> Result<(), Error> {
         Command::Follow(Follow::CheckConfig(args)) => options::check(&args),
         Command::Describe { urdf, base, tip } => describe::run(urdf.as_deref(), base.as_deref(), tip.as_deref()),
         Command::Inspect { file } => inspect::run(&file),
+        Command::Pose(command) => pose::run(&command),
         Command::Controller(args) => Ok(crate::can_tools::controller(&args)?),
         Command::Can(command) => Ok(crate::can_tools::can(&command)?),
     }
