@@ -8,8 +8,8 @@ mod common;
 use std::time::Duration;
 
 use can_driver::{
-    Angle, Command, Config, ControllerState, Counted, Drive, Event, HostParams, HostState, JointLimits, JointState,
-    Message, Mode, Protocol, SetCounts, StopCause,
+    Angle, BusFault, Command, Config, ControllerState, Counted, Drive, Event, HostParams, HostState, JointLimits,
+    JointState, Message, Mode, Protocol, SetCounts, StopCause,
 };
 use common::{LIMITS, Rig};
 
@@ -508,6 +508,52 @@ fn a_second_host_on_the_bus_is_noticed() {
     let here = rig.positions();
     rig.run(10 * MS, Command::Follow { position_rad: &here, speed_scale: 1.0 });
     assert_eq!(rig.host_out.as_ref().unwrap().cause, Some(StopCause::SecondHost));
+}
+
+#[test]
+fn a_bus_that_may_lose_frames_ends_motion_on_either_side() {
+    use BusFault::{
+        ArbitrationLost, NoAcknowledge, Off, Overflow, Passive, Protocol, Restarted, Transceiver, TransmitTimeout,
+        Warning,
+    };
+    let hold = Command::Follow { position_rad: &[0.25; 6], speed_scale: 1.0 };
+    for (faults, ends) in [
+        (vec![Passive, Off, Restarted, TransmitTimeout, Transceiver], true),
+        (vec![Warning, NoAcknowledge, Protocol, ArbitrationLost, Overflow], false),
+    ] {
+        for fault in faults {
+            let mut rig = Rig::new(6);
+            rig.activate();
+            let mut once = Some(Event::Fault(fault));
+            rig.step(hold, &mut |rx: &mut Vec<Event>| rx.extend(once.take()));
+            let cause = rig.controller_out.as_ref().unwrap().cause;
+            assert_eq!(cause, ends.then_some(StopCause::ControllerBusFault), "{fault:?}");
+
+            let mut rig = Rig::new(6);
+            rig.activate();
+            rig.fault_to_host(fault);
+            rig.run(5 * MS, hold);
+            let cause = rig.host_out.as_ref().unwrap().cause;
+            assert_eq!(cause, ends.then_some(StopCause::HostBusFault), "{fault:?}");
+        }
+    }
+}
+
+#[test]
+fn limits_written_while_the_arm_is_enabled_stop_it_unanswered() {
+    let mut rig = Rig::new(6);
+    rig.activate();
+    let message = Message::Config(Config { key: 0, value: 0 });
+    let frame = Protocol::new(0).unwrap().encode(&Counted { message, counter: 1 });
+    let mut once = Some(Event::frame(rig.now, frame));
+    let hold = Command::Follow { position_rad: &[0.25; 6], speed_scale: 1.0 };
+    rig.step(hold, &mut |rx: &mut Vec<Event>| rx.extend(once.take()));
+    let out = rig.controller_out.as_ref().unwrap();
+    assert_eq!((out.state, out.cause), (ControllerState::Latched, Some(StopCause::HostRestarted)));
+    let protocol = Protocol::new(0).unwrap();
+    let answered =
+        out.tx.iter().any(|f| matches!(protocol.decode(f), Ok(Some(Counted { message: Message::ConfigReply(_), .. }))));
+    assert!(!answered);
 }
 
 #[test]

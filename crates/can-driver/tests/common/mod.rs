@@ -82,6 +82,10 @@ impl Rig {
         self.to_host.push(Event::frame(self.now, frame));
     }
 
+    pub fn fault_to_host(&mut self, fault: can_driver::BusFault) {
+        self.to_host.push(Event::Fault(fault));
+    }
+
     pub fn run(&mut self, time: Duration, command: Command<'_>) {
         let end = self.now + time;
         while self.now < end {
