@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal, overload
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -78,6 +80,10 @@ class Arima:
         self._run(series)
         return self
 
+    @overload
+    def forecast(self, steps: int, return_var: Literal[False] = False) -> FloatArray: ...
+    @overload
+    def forecast(self, steps: int, return_var: Literal[True]) -> tuple[FloatArray, FloatArray]: ...
     def forecast(self, steps: int, return_var: bool = False) -> FloatArray | tuple[FloatArray, FloatArray]:
         """Means of the next `steps` values, `(steps,)`; with `return_var` also their variances."""
         means, variances = self._fitted().forecast(self._series, count("steps", steps, 1))

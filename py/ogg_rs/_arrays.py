@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -85,10 +86,10 @@ def batch(what: str, values: ArrayLike, tail: tuple[int, ...]) -> tuple[FloatArr
     array = floats(what, values)
     lead = array.ndim - len(tail)
     if lead < 0 or array.shape[lead:] != tail:
-        wanted = "(..., " + ", ".join(map(str, tail)) + ")"
+        wanted = f"(..., {', '.join(map(str, tail))})"
         raise InvalidParameter(f"{what}: expected shape {wanted}, got {array.shape}", "Shape")
     shape = array.shape[:lead]
-    return array.reshape((int(np.prod(shape)), *tail)), shape
+    return (array if lead == 1 else array.reshape((math.prod(shape), *tail))), shape
 
 
 def count(what: str, value: Any, least: int) -> int:

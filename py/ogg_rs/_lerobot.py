@@ -114,7 +114,8 @@ class _Episode:
         at = start + self.times + 1e-9
 
         def newest(times: FloatArray) -> NDArray[np.int64]:
-            return np.searchsorted(times, at, side="right").astype(np.int64) - 1
+            places: NDArray[np.int64] = np.searchsorted(times, at, side="right") - 1
+            return places
 
         def positions(table: Any) -> NDArray[np.float32]:
             columns = [table[f"{joint}.position"] for joint in self.joints]
@@ -143,7 +144,8 @@ def _numbers(values: NDArray[Any]) -> dict[str, Any]:
 
 def _decoded(jpeg: bytes) -> NDArray[np.uint8]:
     with require("PIL.Image").open(BytesIO(jpeg)) as image:
-        return np.asarray(image.convert("RGB"))
+        pixels: NDArray[np.uint8] = np.asarray(image.convert("RGB"))
+        return pixels
 
 
 def _picture_numbers(files: list[bytes]) -> dict[str, Any]:
@@ -200,8 +202,8 @@ def _write(folder: Path, episodes: list[_Episode], fps: int, task: str) -> None:
                 for name, values in columns.items()
             }
             for camera in cameras:
-                files = [{"bytes": jpeg, "path": None} for jpeg in episode.pictures[camera]]
-                arrays[f"observation.images.{camera}"] = pyarrow.array(files, picture)
+                cells = [{"bytes": jpeg, "path": None} for jpeg in episode.pictures[camera]]
+                arrays[f"observation.images.{camera}"] = pyarrow.array(cells, picture)
             writer.write_table(pyarrow.table([arrays[name] for name, _ in kinds], schema=schema))
             numbers = {name: _numbers(values.reshape((length, -1))) for name, values in columns.items()}
             for camera in cameras:

@@ -39,6 +39,8 @@ class MixtureEstimator(Estimator):
     n_iter_: int
     lower_bound_: float
     lower_bounds_: FloatArray
+    n_features_in_: int
+    order_criteria_: FloatArray
     fusion_reliability_: FloatArray
     fusion_omega_: FloatArray
 
@@ -251,22 +253,34 @@ class GaussianMixture(MixtureEstimator):
         """The likeliest component of each row, `(n,)`; NaN is integrated out, as in all methods below."""
         mixture = self._fitted
         x = rows("X", X, self.n_features_in_, type(self).__name__)
-        if np.isnan(x).any():
-            return self._responsibilities(x).argmax(axis=1)
-        return mixture.labels(x)
+        try:
+            return mixture.labels(x)
+        except InvalidParameter:
+            if not np.isnan(x).any():
+                raise
+        labels: NDArray[np.int64] = np.argmax(self._responsibilities(x), axis=1)
+        return labels
 
     def predict_proba(self, X: ArrayLike) -> FloatArray:
         """Probability of each component for each row, `(n, k)`."""
         mixture = self._fitted
         x = rows("X", X, self.n_features_in_, type(self).__name__)
-        return self._responsibilities(x) if np.isnan(x).any() else mixture.responsibilities(x)
+        try:
+            return mixture.responsibilities(x)
+        except InvalidParameter:
+            if not np.isnan(x).any():
+                raise
+        return self._responsibilities(x)
 
     def score_samples(self, X: ArrayLike) -> FloatArray:
         """Log density of each row, `(n,)`; of the values that were seen, where some are NaN."""
         mixture = self._fitted
         x = rows("X", X, self.n_features_in_, type(self).__name__)
-        if not np.isnan(x).any():
+        try:
             return mixture.log_densities(x)
+        except InvalidParameter:
+            if not np.isnan(x).any():
+                raise
         out = np.zeros(len(x))
         for at, seen, marginal in self._marginals(x):
             out[at] = marginal.log_densities(np.ascontiguousarray(x[np.ix_(at, seen)]))
@@ -299,7 +313,7 @@ class GaussianMixture(MixtureEstimator):
         k, d = self.means_.shape
         triangle = d * (d + 1) // 2
         covariances = {"full": k * triangle, "tied": triangle, "diag": k * d, "spherical": k}
-        return k - 1 + k * d + covariances[self._fitted.kind]
+        return int(k - 1 + k * d + covariances[self._fitted.kind])
 
     def bic(self, X: ArrayLike) -> float:
         """Bayesian information criterion on `X`; lower is better."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from typing import Literal, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -157,6 +158,10 @@ class MotionModel:
         times = floats("t", t)
         return (times.shape, *self._native.at(np.ascontiguousarray(times.reshape(-1))))
 
+    @overload
+    def predict(self, t: ArrayLike, return_cov: Literal[False] = False) -> FloatArray: ...
+    @overload
+    def predict(self, t: ArrayLike, return_cov: Literal[True]) -> tuple[FloatArray, FloatArray]: ...
     def predict(self, t: ArrayLike, return_cov: bool = False) -> FloatArray | tuple[FloatArray, FloatArray]:
         """Expected posture at times `t: (...)` in s, `(..., 6)`; with `return_cov` also its covariance `(..., 6, 6)`.
 

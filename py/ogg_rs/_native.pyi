@@ -5,6 +5,43 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+__all__ = [
+    "Arima",
+    "Arm",
+    "Codec",
+    "Estimator",
+    "Mixture",
+    "MotionModel",
+    "Recording",
+    "Regressor",
+    "Robot",
+    "Scene",
+    "Tracker",
+    "Worker",
+    "arima_errors",
+    "auto_arima",
+    "builtin_cards",
+    "coco_sigmas",
+    "controller_states",
+    "crc16",
+    "dbc_text",
+    "decode",
+    "encode_targets",
+    "evaluate_keypoints",
+    "fit_arima",
+    "fit_mixture",
+    "fuse_labels",
+    "main",
+    "published_limbs",
+    "random_frame",
+    "read_candump",
+    "select_mixture",
+    "skeleton_sources",
+    "skeletons",
+    "stop_causes",
+    "worker_keypoints",
+]
+
 _Floats = NDArray[np.float64]
 _Singles = NDArray[np.float32]
 _Bytes = NDArray[np.uint8]
@@ -26,8 +63,7 @@ class Mixture:
     def log_densities(self, x: _Floats) -> _Floats: ...
     def responsibilities(self, x: _Floats) -> _Floats: ...
     def labels(self, x: _Floats) -> NDArray[np.int64]: ...
-    def bic(self, x: _Floats) -> float: ...
-    def aic(self, x: _Floats) -> float: ...
+    def labels_seconds(self, x: _Floats, repeats: int) -> float: ...
     def condition(self, dimensions: list[int], values: list[float]) -> Mixture: ...
 
 _Report = tuple[_Floats, bool, tuple[_Floats, _Floats] | None]

@@ -91,13 +91,15 @@ class GaussianMixtureRegressor(MixtureEstimator):
         """
         self._fitted  # noqa: B018  raises where nothing is fitted
         x = rows("X", X, self.n_features_in_, type(self).__name__)
-        if np.isnan(x).any():
-            means, covariances = self._predict_seen(x)
-        elif return_cov:
+        try:
+            if not return_cov:
+                means = self._regressor.means(x)
+                return means[:, 0] if self._flat else means
             means, covariances = self._regressor.means_and_covariances(x)
-        else:
-            means = self._regressor.means(x)
-            return means[:, 0] if self._flat else means
+        except InvalidParameter:
+            if not np.isnan(x).any():
+                raise
+            means, covariances = self._predict_seen(x)
         if self._flat:
             means, covariances = means[:, 0], covariances[:, 0, 0]
         return (means, covariances) if return_cov else means

@@ -32,9 +32,9 @@ def inverted(kind: str, matrices: FloatArray) -> FloatArray:
     """
     if kind in ("diag", "spherical"):
         with np.errstate(divide="ignore"):
-            return 1.0 / matrices
+            return np.asarray(1.0 / matrices, np.float64)
     try:
-        inverse: FloatArray = np.linalg.inv(matrices)
+        inverse = np.asarray(np.linalg.inv(matrices), np.float64)
     except np.linalg.LinAlgError as error:
         raise NumericalError("precisions_init: expected invertible matrices", "NotPositiveDefinite") from error
     return np.ascontiguousarray(0.5 * (inverse + inverse.swapaxes(-1, -2)))

@@ -214,18 +214,37 @@ class Protocol:
                 put = wire.set if isinstance(message, Set) else wire.feedback
                 return _frame(put(n, _byte("slot", message.slot), [a, b]))
             case Commit():
-                flags = (message.position, message.enable, message.quick_stop, message.reset, message.test)
                 time = count("host_time", message.host_time, 0)
                 if time > 0xFFFF:
                     raise InvalidParameter(f"host_time: expected at most 65535, got {time}", "Domain")
-                scale, horizon = float(message.speed_scale), float(message.horizon_s)
-                return _frame(wire.commit(n, *(bool(flag) for flag in flags), scale, horizon, time))
+                return _frame(
+                    wire.commit(
+                        n,
+                        bool(message.position),
+                        bool(message.enable),
+                        bool(message.quick_stop),
+                        bool(message.reset),
+                        bool(message.test),
+                        float(message.speed_scale),
+                        float(message.horizon_s),
+                        time,
+                    )
+                )
             case Status():
-                flags = (message.powered, message.at_rest, message.limiting, message.set_dropped)
-                echo = _byte("echo", message.echo)
-                age, error = float(message.echo_age_s), float(message.tracking_error_rad)
-                cause = _byte("cause", message.cause)
-                return _frame(wire.status(n, message.state, *(bool(flag) for flag in flags), cause, echo, age, error))
+                return _frame(
+                    wire.status(
+                        n,
+                        message.state,
+                        bool(message.powered),
+                        bool(message.at_rest),
+                        bool(message.limiting),
+                        bool(message.set_dropped),
+                        _byte("cause", message.cause),
+                        _byte("echo", message.echo),
+                        float(message.echo_age_s),
+                        float(message.tracking_error_rad),
+                    )
+                )
             case Stop():
                 cause, joint = _byte("cause", message.cause), _byte("joint", message.joint)
                 return _frame(wire.stop(n, bool(message.to_controller), bool(message.inverted), cause, joint))

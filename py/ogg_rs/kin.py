@@ -41,10 +41,11 @@ class IkResult(NamedTuple):
 class Robot:
     """A robot and the chain of joints between two of its links; made by `from_urdf` or `builtin`."""
 
-    __slots__ = ("_native",)
+    __slots__ = ("_native", "_size")
 
     def __init__(self, native: _native.Robot) -> None:
         self._native = native
+        self._size = len(native.joint_names)
 
     @classmethod
     def from_urdf(cls, path: str | os.PathLike[str], base: str | None = None, tip: str | None = None) -> Robot:
@@ -96,12 +97,12 @@ class Robot:
 
     def fk(self, q: ArrayLike) -> FloatArray:
         """Poses of the tip in the base as homogeneous matrices, `(..., n)` to `(..., 4, 4)`; metres."""
-        joints, shape = batch("q", q, (len(self.joint_names),))
+        joints, shape = batch("q", q, (self._size,))
         return self._native.fk(joints).reshape((*shape, 4, 4))
 
     def jacobian(self, q: ArrayLike) -> FloatArray:
         """Velocity of the tip (linear, then angular, axes of the base) by joint speed, `(..., n)` to `(..., 6, n)`."""
-        n = len(self.joint_names)
+        n = self._size
         joints, shape = batch("q", q, (n,))
         return self._native.jacobian(joints).reshape((*shape, 6, n))
 
@@ -132,7 +133,7 @@ class Robot:
 
         Joints of the robot that are not in the chain stand at zero, or at the limit next to it.
         """
-        n = len(self.joint_names)
+        n = self._size
         joints, shape = batch("q", q, (n,))
         return self._native.mass_matrix(joints).reshape((*shape, n, n))
 
@@ -157,7 +158,7 @@ class Robot:
         Raises:
             InvalidParameter: A shape does not fit, or a number is not finite.
         """
-        n = len(self.joint_names)
+        n = self._size
         joints, shape = batch("q", q, (n,))
         rates = []
         for what, given in (("qd", qd), ("qdd", qdd)):

@@ -16,11 +16,10 @@ float32, `(batch, channels, rows, columns)`; batches are spread over threads wit
 
 from __future__ import annotations
 
-import json
 import os
 import site
 import sysconfig
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from enum import IntEnum
 from typing import Any, NamedTuple
 
@@ -28,8 +27,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native
-from ._arrays import FloatArray, batch, count, floats, real
-from .errors import DeviceError, InvalidParameter
+from ._arrays import count, floats, real
+from ._evaluation import COCO_17_SIGMAS, KeypointScores, evaluate_keypoints
+from ._skeletons import SKELETONS, Limb, Skeleton, convert, known_skeleton
+from .errors import InvalidParameter
 
 __all__ = [
     "BUILTIN_CARDS",
@@ -50,46 +51,9 @@ __all__ = [
 ]
 
 MapArray = NDArray[np.float32]
-Limb = tuple[int, int]
-
-
-class Skeleton(NamedTuple):
-    """An order of keypoints.
-
-    Attributes:
-        name: As model cards write it.
-        parts: Names of the parts in order.
-        mirror: For every keypoint, the index of the same part of the other side.
-        bones: Pairs of keypoints between which a line is drawn.
-    """
-
-    name: str
-    parts: tuple[str, ...]
-    mirror: tuple[int, ...]
-    bones: tuple[Limb, ...]
-
-    def index(self, part: str, /) -> int:  # type: ignore[override]
-        """Place of a part.
-
-        Raises:
-            InvalidParameter: This order has no such part.
-        """
-        if part not in self.parts:
-            raise InvalidParameter(f"part: expected one of {self.parts}, got {part!r}", "Domain")
-        return self.parts.index(part)
-
-
-SKELETONS: dict[str, Skeleton] = {
-    name: Skeleton(name, tuple(parts), tuple(mirror), tuple(bones)) for name, parts, mirror, bones in _native.skeletons()
-}
-"""The orders: `coco-17`, `openpose-18`, `body-25`, `mediapipe-33` and `upper-limb-8`, by name."""
 
 BUILTIN_CARDS: tuple[str, ...] = tuple(_native.builtin_cards())
 """Names of the model cards that are compiled in."""
-
-COCO_17_SIGMAS: tuple[float, ...] = tuple(_native.coco_sigmas())
-"""Deviations of human labels of COCO's keypoints, as fractions of the square root of the area."""
-
 
 def _published() -> tuple[tuple[int, int, int, int], ...]:
     return tuple(_native.published_limbs())
@@ -142,40 +106,6 @@ class People(NamedTuple):
     scores: NDArray[np.float32]
 
 
-class KeypointScores(NamedTuple):
-    """COCO's ten numbers; NaN where no label is of the size.
-
-    Attributes:
-        ap: Average precision over similarities 0.50 to 0.95.
-        ap_50: At similarity 0.50.
-        ap_75: At similarity 0.75.
-        ap_medium: Of people of 32^2 to 96^2 px^2.
-        ap_large: Of larger people.
-        ar: Average recall over the same similarities.
-        ar_50: At similarity 0.50.
-        ar_75: At similarity 0.75.
-        ar_medium: Of people of 32^2 to 96^2 px^2.
-        ar_large: Of larger people.
-    """
-
-    ap: float
-    ap_50: float
-    ap_75: float
-    ap_medium: float
-    ap_large: float
-    ar: float
-    ar_50: float
-    ar_75: float
-    ar_medium: float
-    ar_large: float
-
-
-def _known(skeleton: str) -> Skeleton:
-    if skeleton not in SKELETONS:
-        raise InvalidParameter(f"skeleton: expected one of {sorted(SKELETONS)}, got {skeleton!r}", "Domain")
-    return SKELETONS[skeleton]
-
-
 def _singles(what: str, values: ArrayLike) -> MapArray:
     """`values` as C-contiguous float32; the same object if it already is one."""
     if type(values) is np.ndarray and values.dtype == np.float32 and values.flags.c_contiguous:
@@ -195,34 +125,6 @@ def _channel_limbs(skeleton: Skeleton, limbs: Sequence[Limb] | None) -> list[tup
             raise InvalidParameter(f"limbs: expected pairs of keypoints, got {limb!r}", "Shape")
         pairs.append((count("limbs", limb[0], 0), count("limbs", limb[1], 0), 2 * slot, 2 * slot + 1))
     return pairs
-
-
-def convert(keypoints: ArrayLike, source: str, target: str) -> FloatArray:
-    """Keypoints `(..., joints, c)` of one order in another, `(..., joints', c)`.
-
-    A neck is the middle of the shoulders and a mid-hip that of the hips where the source lacks them; with `c = 3` its
-    score is the smaller of the two. A part that the source lacks is NaN, with a score of 0.
-
-    Raises:
-        InvalidParameter: An order is not known, or the number of joints is another.
-
-    >>> import numpy as np
-    >>> coco = np.arange(34.0).reshape(17, 2)
-    >>> convert(coco, "coco-17", "openpose-18")[[1, 4]].tolist()  # neck, right wrist
-    [[11.0, 12.0], [20.0, 21.0]]
-    """
-    have, want = _known(source), _known(target)
-    points = floats("keypoints", keypoints)
-    if points.ndim < 2 or points.shape[-2] != len(have.parts) or points.shape[-1] not in (2, 3):
-        raise InvalidParameter(f"keypoints: expected (..., {len(have.parts)}, 2 or 3), got {points.shape}", "Shape")
-    out = np.full((*points.shape[:-2], len(want.parts), points.shape[-1]), np.nan)
-    out[..., 2:] = 0.0
-    for place, parents in enumerate(_native.skeleton_sources(target, source)):
-        if parents is not None:
-            a, b = (points[..., parent, :] for parent in parents)
-            out[..., place, :2] = 0.5 * (a[..., :2] + b[..., :2])
-            out[..., place, 2:] = np.minimum(a[..., 2:], b[..., 2:])
-    return out
 
 
 def encode_targets(
@@ -256,7 +158,7 @@ def encode_targets(
     Raises:
         InvalidParameter: A shape does not fit, a labelled place is not finite, or a setting is out of its interval.
     """
-    order = _known(skeleton)
+    order = known_skeleton(skeleton)
     joints = _singles("joints_px", joints_px)
     boxes = _singles("boxes_px", boxes_px)
     given = np.asarray(states)
@@ -315,7 +217,9 @@ def fuse_labels(
             f"labels and teacher: expected (b, joints + 1, h, w) and (b, 2 limbs, h, w) of one size, got {shapes}",
             "Shape",
         )
-    return TargetMaps(*_native.fuse_labels(*maps, *teachers, real("floor", floor)))
+    pcm_map, paf_map, pcm_mask, paf_mask = maps
+    least = real("floor", floor)
+    return TargetMaps(*_native.fuse_labels(pcm_map, paf_map, pcm_mask, paf_mask, teachers[0], teachers[1], least))
 
 
 def decode(
@@ -347,7 +251,7 @@ def decode(
     Raises:
         InvalidParameter: A shape does not fit, or a number is not finite.
     """
-    order = _known(skeleton)
+    order = known_skeleton(skeleton)
     if limbs is None:
         if skeleton not in ("openpose-18", "upper-limb-8"):
             raise InvalidParameter(f"limbs: expected limbs for {skeleton}, got None", "Missing")
@@ -471,92 +375,3 @@ class Estimator:
     def reset(self) -> None:
         """Forgets the person of the picture before."""
         self._native.reset()
-
-
-def evaluate_keypoints(
-    gt: str | os.PathLike[str] | Mapping[str, Any] | Sequence[Mapping[str, Any]],
-    dt: str | os.PathLike[str] | Sequence[Mapping[str, Any]],
-    *,
-    sigmas: Sequence[float] = COCO_17_SIGMAS,
-    keypoints: Sequence[int] | None = None,
-    visibility: int | None = None,
-    max_detections: int = 20,
-) -> KeypointScores:
-    """Average precision and recall of detected keypoints, as pycocotools computes them.
-
-    Args:
-        gt: Labels in COCO's format: a file, its content, or its list of annotations (`image_id`, `keypoints`, `bbox`,
-            `area`, `iscrowd`).
-        dt: Detections in COCO's result format: a file or its list (`image_id`, `keypoints`, `score`).
-        sigmas: Deviation of each keypoint, as a fraction of the square root of the area.
-        keypoints: Keypoints that count; None for all.
-        visibility: 1 counts covered keypoints only, 2 visible ones only; None counts both.
-        max_detections: Detections per picture that count, best first.
-
-    Raises:
-        DeviceError: A file cannot be read.
-        InvalidParameter: A key is missing, or a number of keypoints is another than that of `sigmas`.
-
-    >>> label = {"image_id": 1, "keypoints": [10.0, 20.0, 2] * 17, "bbox": [0, 0, 50, 90], "area": 4000.0, "iscrowd": 0}
-    >>> found = {"image_id": 1, "keypoints": [10.0, 20.0, 1] * 17, "score": 0.9}
-    >>> evaluate_keypoints([label], [found]).ap.__round__(9)
-    1.0
-    """
-    content = _json("gt", gt)
-    annotations = content.get("annotations") if isinstance(content, Mapping) else content
-    results = _json("dt", dt)
-    for what, rows in (("gt", annotations), ("dt", results)):
-        if not isinstance(rows, Sequence) or isinstance(rows, str):
-            raise InvalidParameter(f"{what}: expected a list of objects, got {type(rows).__name__}", "Type")
-    labels, found = list(annotations or ()), list(results or ())
-    n = len(sigmas)
-    boxes = [[*_field("gt", a, "bbox"), _field("gt", a, "area")] for a in labels]
-    try:
-        return KeypointScores(
-            *(
-                np.nan if value is None else value
-                for value in _native.evaluate_keypoints(
-                    [count("image_id", _field("gt", a, "image_id"), 0) for a in labels],
-                    _points("gt", labels, n, 3),
-                    batch("bbox and area", np.array(boxes, float).reshape((len(labels), -1 if labels else 5)), (5,))[0],
-                    [bool(a.get("iscrowd", 0)) for a in labels],
-                    [count("image_id", _field("dt", a, "image_id"), 0) for a in found],
-                    np.ascontiguousarray(_points("dt", found, n, 3)[:, :, :2]),
-                    [float(_field("dt", a, "score")) for a in found],
-                    sigmas=[float(sigma) for sigma in sigmas],
-                    keypoints=None if keypoints is None else [count("keypoints", i, 0) for i in keypoints],
-                    visibility=None if visibility is None else count("visibility", visibility, 1),
-                    max_detections=count("max_detections", max_detections, 1),
-                )
-            )
-        )
-    except (TypeError, OverflowError) as error:
-        raise InvalidParameter(f"gt, dt: {error}", "Type") from error
-
-
-def _json(what: str, given: Any) -> Any:
-    if not isinstance(given, str | os.PathLike):
-        return given
-    try:
-        with open(given, encoding="utf-8") as stream:
-            return json.load(stream)
-    except OSError as error:
-        raise DeviceError(f"{os.fspath(given)}: {error.strerror}", "File", str(error)) from error
-    except ValueError as error:
-        raise InvalidParameter(f"{what}: {os.fspath(given)}: {error}", "Syntax") from error
-
-
-def _field(what: str, row: Any, key: str) -> Any:
-    if not isinstance(row, Mapping) or key not in row:
-        raise InvalidParameter(f"{what}: expected objects with {key!r}, got {row!r:.80}", "Missing")
-    return row[key]
-
-
-def _points(what: str, rows: list[Any], joints: int, each: int) -> FloatArray:
-    out = np.empty((len(rows), joints, each))
-    for place, row in enumerate(rows):
-        numbers = floats(f"{what} keypoints", _field(what, row, "keypoints"))
-        if numbers.size != joints * each:
-            raise InvalidParameter(f"{what} keypoints: expected {joints * each} numbers, got {numbers.size}", "Shape")
-        out[place] = numbers.reshape((joints, each))
-    return out

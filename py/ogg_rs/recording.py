@@ -86,7 +86,8 @@ class Table(Mapping[str, NDArray[Any]]):
         Raises:
             MissingDependency: pandas is not installed.
         """
-        return require("pandas").DataFrame(self._columns)
+        frame: pandas.DataFrame = require("pandas").DataFrame(self._columns)
+        return frame
 
     def to_arrow(self) -> pyarrow.Table:
         """As an Arrow table.
@@ -94,7 +95,8 @@ class Table(Mapping[str, NDArray[Any]]):
         Raises:
             MissingDependency: pyarrow is not installed.
         """
-        return require("pyarrow").table(self._columns)
+        table: pyarrow.Table = require("pyarrow").table(self._columns)
+        return table
 
     def to_polars(self) -> polars.DataFrame:
         """As a polars data frame.
@@ -102,7 +104,8 @@ class Table(Mapping[str, NDArray[Any]]):
         Raises:
             MissingDependency: polars is not installed.
         """
-        return require("polars").DataFrame(self._columns)
+        frame: polars.DataFrame = require("polars").DataFrame(self._columns)
+        return frame
 
 
 class Topic(NamedTuple):
@@ -206,11 +209,11 @@ class Recording:
             times, levels, names, messages = self._native.log()
             level = _LEVELS[np.minimum(np.frombuffer(bytes(levels), np.uint8), len(_LEVELS) - 1)]
             return Table({**self._times(times), "level": level, "name": np.array(names), "message": np.array(messages)})
-        times, joints, numbers = self._native.joint_table(name)
+        times, joints, quantities = self._native.joint_table(name)
         columns = self._times(times)
         for place, joint in enumerate(joints):
             for quantity in ("position", "velocity", "acceleration", "effort"):
-                columns[f"{joint}.{quantity}"] = numbers[quantity][:, place].copy()
+                columns[f"{joint}.{quantity}"] = quantities[quantity][:, place].copy()
         return Table(columns)
 
     def _keypoints(self) -> Table:

@@ -50,7 +50,7 @@ class Arm:
         InvalidParameter: A setting is out of its interval, or the robot cannot be simulated.
     """
 
-    __slots__ = ("_native",)
+    __slots__ = ("_native", "_size")
 
     def __init__(
         self,
@@ -72,6 +72,7 @@ class Arm:
             gravity_compensation=float(gravity_compensation),
             substep_s=float(substep_s),
         )
+        self._size = len(self._native.joint_names)
 
     def __repr__(self) -> str:
         return f"Arm({len(self.joint_names)} joints)"
@@ -106,7 +107,7 @@ class Arm:
         Raises:
             InvalidParameter: A shape does not fit, or a number is not finite.
         """
-        n = len(self.joint_names)
+        n = self._size
         if position_rad is None and not brake:
             raise InvalidParameter("position_rad: expected a setpoint unless braking, got None", "Missing")
         position = np.zeros(n) if position_rad is None else vector("position_rad", position_rad, n)
@@ -116,14 +117,14 @@ class Arm:
 
     def run(self, position_rad: ArrayLike, velocity_rad_s: ArrayLike | None = None, *, dt: float = 0.001) -> ArmState:
         """One step of `dt` s per setpoint of `(m, n)`, with the interpreter released; what is measured after each."""
-        n = len(self.joint_names)
+        n = self._size
         positions = rows("position_rad", position_rad, n)
         given = np.zeros_like(positions) if velocity_rad_s is None else rows("velocity_rad_s", velocity_rad_s, n)
         return ArmState(*self._native.run(positions, given, real("dt", dt), False))
 
     def gravity_load(self, q: ArrayLike) -> FloatArray:
         """Torque (N m) or force (N) that holds the arm still at `q: (n,)`."""
-        return self._native.gravity_load(vector("q", q, len(self.joint_names)).tolist())
+        return self._native.gravity_load(vector("q", q, self._size).tolist())
 
 
 class Poses(NamedTuple):

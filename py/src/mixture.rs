@@ -1,5 +1,7 @@
 //! Gaussian mixtures.
 
+use std::time::Instant;
+
 use gmr_core::{
     ArimaOrder, ArimaParams, CovarianceKind, Criterion, FitReport, Fusion, FusionReading, GmmParams, MissingValues,
     MixtureParts, Samples, Start, Stop, Trajectory,
@@ -55,6 +57,13 @@ fn start_of(name: &str) -> Result<Start, Failure> {
 
 pub(crate) fn samples<'a>(x: &'a PyReadonlyArray2<'_, f64>) -> Result<Samples<'a>, Failure> {
     Ok(Samples::new(borrowed("X", x)?, x.shape()[1])?)
+}
+
+impl Mixture {
+    fn labels_of(&self, samples: &Samples<'_>) -> Result<Vec<i64>, gmr_core::Error> {
+        let shares = self.inner.responsibilities(samples)?;
+        Ok(shares.chunks_exact(self.inner.components()).map(first_largest).collect())
+    }
 }
 
 #[pymethods]
@@ -120,23 +129,21 @@ impl Mixture {
     /// The component with the largest responsibility, the first of equals.
     fn labels<'py>(&self, py: Python<'py>, x: PyReadonlyArray2<'py, f64>) -> PyResult<Bound<'py, PyArray1<i64>>> {
         let samples = samples(&x)?;
-        let labels = py
-            .detach(|| {
-                let shares = self.inner.responsibilities(&samples)?;
-                Ok::<_, gmr_core::Error>(shares.chunks_exact(self.inner.components()).map(first_largest).collect())
-            })
-            .map_err(Failure::from)?;
+        let labels = py.detach(|| self.labels_of(&samples)).map_err(Failure::from)?;
         Ok(moved(py, labels))
     }
 
-    fn bic(&self, py: Python<'_>, x: PyReadonlyArray2<'_, f64>) -> PyResult<f64> {
+    /// Mean time of the work inside [`Mixture::labels`], seconds: what a benchmark takes off the time of a call.
+    fn labels_seconds(&self, py: Python<'_>, x: PyReadonlyArray2<'_, f64>, repeats: u32) -> PyResult<f64> {
         let samples = samples(&x)?;
-        Ok(py.detach(|| self.inner.bic(&samples)).map_err(Failure::from)?)
-    }
-
-    fn aic(&self, py: Python<'_>, x: PyReadonlyArray2<'_, f64>) -> PyResult<f64> {
-        let samples = samples(&x)?;
-        Ok(py.detach(|| self.inner.aic(&samples)).map_err(Failure::from)?)
+        let taken = py.detach(|| {
+            let begin = Instant::now();
+            for _ in 0..repeats {
+                std::hint::black_box(self.labels_of(std::hint::black_box(&samples))?);
+            }
+            Ok::<_, gmr_core::Error>(begin.elapsed())
+        });
+        Ok(taken.map_err(Failure::from)?.as_secs_f64() / f64::from(repeats))
     }
 
     /// The mixture of the other dimensions, given the values of some.
