@@ -1,9 +1,12 @@
 """Every exception class is raised by the native half, is also the builtin it promises to be, and keeps the details."""
 
 import pickle
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
+from sklearn.exceptions import NotFittedError
 
 import ogg_rs
 from ogg_rs import kin
@@ -61,3 +64,49 @@ def test_errors_survive_a_pickle():
 def test_arrays_that_make_no_sense_are_typed_errors(bad):
     with pytest.raises(ogg_rs.InvalidParameter):
         ogg_rs.GaussianMixture().fit(bad)
+
+
+def test_an_unfitted_estimator_is_also_scikit_learns_own_error():
+    with pytest.raises(NotFittedError) as caught:
+        ogg_rs.GaussianMixture().predict([[0.0]])
+    assert isinstance(caught.value, ogg_rs.NotFitted) and caught.value.kind == "NotFitted"
+    assert type(pickle.loads(pickle.dumps(caught.value))) is ogg_rs.NotFitted
+
+
+def test_the_classes_are_the_builtins_they_promise_to_be():
+    promises = {
+        ogg_rs.InvalidParameter: ValueError,
+        ogg_rs.NumericalError: ArithmeticError,
+        ogg_rs.DeviceError: OSError,
+        ogg_rs.NotFitted: ValueError,
+        ogg_rs.MissingDependency: ImportError,
+    }
+    for ours, builtin in promises.items():
+        assert issubclass(ours, builtin) and issubclass(ours, ogg_rs.OggError)
+    assert issubclass(ogg_rs.ConvergenceWarning, UserWarning)
+
+
+ROOT = Path(__file__).parent.parent.parent
+# The error type of each crate behind the package, and the function that sorts its variants.
+TYPES = {
+    "crates/gmr-core/src/error.rs": "class_of_mixture",
+    "crates/kin/src/error.rs": "class_of_kin",
+    "crates/motion/src/error.rs": "class_of_motion",
+    "crates/follow/src/error.rs": "class_of_follow",
+    "crates/pose/src/error.rs": "class_of_pose",
+    "crates/sim/src/error.rs": "class_of_sim",
+    "crates/can-driver/src/error.rs": "class_of_can",
+    "crates/ogg/src/record/error.rs": "class_of_record",
+}
+
+
+@pytest.mark.skipif(not (ROOT / "crates").is_dir(), reason="the sources of the crates are not here")
+@pytest.mark.parametrize("path", TYPES)
+def test_every_variant_of_every_error_has_a_class(path):
+    source = (ROOT / path).read_text()
+    body = source[source.index("pub enum Error {") :]
+    variants = re.findall(r"^    (\w+)(?: \{|\(|,)", body[: body.index("\n}")], re.MULTILINE)
+    sorting = (ROOT / "py/src/failure.rs").read_text()
+    function = sorting[sorting.index(f"fn {TYPES[path]}(") :]
+    named = set(re.findall(r"E::(\w+)", function[: function.index("\n}")]))
+    assert len(variants) > 3 and set(variants) - named == set()
