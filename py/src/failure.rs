@@ -121,7 +121,9 @@ fn class_of_motion(error: &motion::Error) -> Class {
         | E::Age { .. }
         | E::OutOfOrder { .. }
         | E::HorizonTooLong { .. }
-        | E::ZeroStep => Class::Parameter,
+        | E::ZeroStep
+        | E::EngageWhileMoving { .. }
+        | E::EngageGap { .. } => Class::Parameter,
         _ => Class::Base,
     }
 }
@@ -199,7 +201,12 @@ fn class_of_record(error: &ogg::record::Error) -> Class {
     use ogg::record::Error as E;
     match error {
         E::NotMcap { .. } => Class::Parameter,
-        E::Create { .. } | E::Write { .. } | E::DiskFull { .. } | E::Spawn { .. } | E::Read { .. } => Class::Device,
+        E::Create { .. }
+        | E::Write { .. }
+        | E::DiskFull { .. }
+        | E::Spawn { .. }
+        | E::Panicked { .. }
+        | E::Read { .. } => Class::Device,
         _ => Class::Base,
     }
 }
