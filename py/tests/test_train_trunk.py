@@ -163,3 +163,16 @@ def test_labels_follow_the_trunk_where_it_is_near_and_sure_and_stay_exact_elsewh
     assert moved[0, left].tolist() == [100.0, 100.0]
     far = fitting.snapped(joints + 60, states, heat, offset)
     assert far[0, right].tolist() == [160.0, 160.0]
+
+
+def test_the_committed_head_reads_the_trunks_maps_and_answers_in_the_order_of_its_card() -> None:
+    models = Path(__file__).parents[2] / "crates/pose/models"
+    head = onnx.load(models / "ogg-trunk-head.onnx")
+    shapes = {i.name: [d.dim_value for d in i.type.tensor_type.shape.dim] for i in head.graph.input}
+    assert shapes == {name: [1, channels, side, side] for name, (_, channels, side) in FEATURES.items()}
+    outputs = {o.name: [d.dim_value for d in o.type.tensor_type.shape.dim] for o in head.graph.output}
+    assert outputs == {"pcm": [1, 19, 32, 32], "paf": [1, 38, 32, 32]}
+    text_of_card = (models / "ogg-trunk.toml").read_text()
+    sha256 = text_of_card.split('sha256 = "')[1][:64]
+    about = text_of_card[text_of_card.index("[about]") :]
+    assert building.card_text(sha256, about) == text_of_card

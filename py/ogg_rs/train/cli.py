@@ -92,7 +92,7 @@ def parser() -> argparse.ArgumentParser:
     trunk.add_argument("--data", type=weighted, nargs="+", metavar="DIR[*N]", help="folders with annotations.json (--fit)")
     trunk.add_argument("--trunk", type=Path, metavar="DIR", help="folder of an earlier --fetch, or one to fetch into")
     trunk.add_argument("--run", type=Path, help="the --out folder of --fit (--export)")
-    trunk.add_argument("--epochs", type=int, default=14)
+    trunk.add_argument("--epochs", type=int, default=14, help="of the second stage; 0: only the first, which is solved for")
     trunk.add_argument("--batch", type=int, default=24)
     trunk.add_argument("--changes", type=int, default=2, help="changed copies of each picture")
     trunk.add_argument("--seed", type=int, default=0)

@@ -137,9 +137,11 @@ def trunk(options: argparse.Namespace) -> None:
     if options.run is None:
         raise ValueError("--run: expected the folder of a --fit")
     head = Head(skeleton.part_maps, skeleton.field_maps)
-    head.load_state_dict(torch.load(options.run / "checkpoint.pt", weights_only=True)["average"])
-    building.export_head(head.eval(), options.out, model)
-    print(f"{options.out}: {options.out.stat().st_size} bytes, {parameter_count(head)} parameters")
+    state = torch.load(options.run / "checkpoint.pt", weights_only=True)
+    head.load_state_dict(state["average"])
+    stages = 2 if state["step"] > 0 else 1
+    building.export_head(head.eval(), options.out, model, stages=stages)
+    print(f"{options.out}: {options.out.stat().st_size} bytes, {stages} stage{'s' if stages > 1 else ''}")
 
 
 def load_answer(path: Path) -> tuple[real.Answer, tuple[int, int]]:

@@ -86,15 +86,27 @@ def check_picture() -> NDArray[np.float32]:
     return np.stack(waves)[None].astype(np.float32)
 
 
-def export_head(network: Head, path: Path, trunk_model: Path) -> None:
-    """Writes the head with batch normalisation folded where it follows a convolution, and the answers it must give again."""
+class FirstStage(torch.nn.Module):
+    """A head whose second stage has not been trained, without it."""
+
+    def __init__(self, head: Head) -> None:
+        super().__init__()
+        self.head = head
+
+    def forward(self, *features: torch.Tensor) -> list[tuple[torch.Tensor, torch.Tensor]]:
+        return [self.head.first(*features)]
+
+
+def export_head(network: Head, path: Path, trunk_model: Path, *, stages: int = 2) -> None:
+    """Writes the head up to its first or second stage, with batch normalisation folded where it follows a convolution, and the
+    answers it must give again."""
     import onnx
 
     folded = fold_batch_norm(network).to(memory_format=torch.contiguous_format)
 
     example = tuple(torch.zeros(1, channels, side, side) for _, channels, side in FEATURES.values())
     path.parent.mkdir(parents=True, exist_ok=True)
-    trace(LastStage(folded).eval(), example, path, list(FEATURES))
+    trace(LastStage(folded if stages == 2 else FirstStage(folded)).eval(), example, path, list(FEATURES))
     proto = onnx.load(path)
     answer = _run(join(proto, trunk_model))
     for key, value in (

@@ -210,6 +210,9 @@ def fit_head(pictures: Joined, model: Path, params: HeadParams, out: Path) -> nn
     head.inputs.eval()
     per_epoch = data.count // params.batch
     steps = per_epoch * params.epochs
+    if steps == 0:
+        save_atomically(checkpoint, {"step": 0, "average": averaged.state_dict()})
+        return averaged.eval()
     optimiser = torch.optim.AdamW([*head.refine.parameters(), *head.correct.parameters()], params.learning_rate, weight_decay=1e-3)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, params.learning_rate, total_steps=steps + 1, pct_start=0.1)
     if checkpoint.is_file():

@@ -65,4 +65,12 @@ class Head(nn.Module):
         around, at = self.inputs(*features)
         first = self.around(around) + self.at(at)
         second = first + self.correct(self.refine(torch.cat((around, at, first), 1)))
-        return [(m[:, : self.part_maps], m[:, self.part_maps :]) for m in (first, second)]
+        return [self._parted(m) for m in (first, second)]
+
+    def first(self, *features: Tensor) -> tuple[Tensor, Tensor]:
+        """The first stage's answer alone."""
+        around, at = self.inputs(*features)
+        return self._parted(self.around(around) + self.at(at))
+
+    def _parted(self, maps: Tensor) -> tuple[Tensor, Tensor]:
+        return maps[:, : self.part_maps], maps[:, self.part_maps :]
