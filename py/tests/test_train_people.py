@@ -59,6 +59,14 @@ def test_a_camera_projects_by_hand_computed_similar_triangles() -> None:
     assert np.allclose(local, [[1.0, -2.0, 5.0]])
 
 
+def test_a_surface_over_a_grid_looks_up_whichever_way_the_grid_runs() -> None:
+    for rows in (np.linspace(0, 1, 3), np.linspace(1, 0, 3)):
+        x, y = np.meshgrid(np.linspace(0, 1, 4), rows)
+        points = np.stack((x, y, 0 * x), -1).reshape(-1, 3)
+        a, b, c = (points[scene.upward_faces(x, y)[:, k]] for k in range(3))
+        assert (np.cross(b - a, c - a)[:, 2] > 0).all()
+
+
 def test_rotations_turn_what_they_say() -> None:
     assert np.allclose(rotation((0, 0, 1), np.pi / 2) @ (1, 0, 0), (0, 1, 0))
     assert np.allclose(turned(90, 0, 90) @ (0, 1, 0), (0, 0, 1))

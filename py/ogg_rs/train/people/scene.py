@@ -55,6 +55,16 @@ def load_renderer() -> object:
     return pyrender
 
 
+def upward_faces(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Two triangles for each cell of a grid `x, y (rows, columns)`, all turned so that their fronts look up, whichever way it runs."""
+    rows, columns = x.shape
+    number = np.arange(rows * columns).reshape(rows, columns)
+    a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
+    faces = np.concatenate([np.stack(t, -1).reshape(-1, 3) for t in ((a, b, c), (a, c, d))])
+    down = (x[1, 0] - x[0, 0]) * (y[0, 1] - y[0, 0]) - (y[1, 0] - y[0, 0]) * (x[0, 1] - x[0, 0]) < 0
+    return faces[:, ::-1] if down else faces
+
+
 class Studio:
     """Renders shots of one size."""
 
@@ -149,9 +159,7 @@ class Studio:
         """A surface over a grid, as a mesh with texture."""
         rows, columns = x.shape
         points = np.stack((x, y, z), -1).reshape(-1, 3)
-        number = np.arange(rows * columns).reshape(rows, columns)
-        a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
-        faces = np.concatenate([np.stack(t, -1).reshape(-1, 3) for t in ((a, b, c), (a, c, d))])
+        faces = upward_faces(x, y)
         uv = np.stack(np.meshgrid(np.linspace(0, 1, columns), np.linspace(0, 1, rows)), -1).reshape(-1, 2)
         normals = np.asarray(self._trimesh.Trimesh(points, faces, process=False).vertex_normals, np.float32)
         picture = Image.fromarray(np.clip(texture, 0, 255).astype(np.uint8))
@@ -253,11 +261,12 @@ class Studio:
             scene.add(self._gl.DirectionalLight(color=colour, intensity=rng.uniform(0.8, 3.2)), pose=pose)
 
     def _alone(self, mesh: object, camera: _Camera) -> NDArray[np.float32]:
-        """Depth of one mesh without the rest."""
+        """Depth of one mesh without the rest, seen from both of its sides."""
         scene = self._gl.Scene()
         scene.add(mesh)
         scene.add(camera.node(self._gl), pose=camera.pose)
-        return self._renderer.render(scene, flags=self._gl.RenderFlags.DEPTH_ONLY)
+        flags = self._gl.RenderFlags.DEPTH_ONLY | self._gl.RenderFlags.SKIP_CULL_FACES
+        return self._renderer.render(scene, flags=flags)
 
     def _label(
         self, person: Posed, camera: _Camera, depth: NDArray[np.float32], cloth: NDArray[np.float32] | None
