@@ -22,7 +22,7 @@ pub(crate) fn ci() -> Result<()> {
 /// Every test there is.
 pub(crate) fn test() -> Result<()> {
     step("python environment", || python::environment().map(drop))?;
-    step("rust", || run(&mut cargo(&["test", "--release", "--workspace"])))?;
+    step("rust", || run(&mut cargo(&["test", "--release", "--workspace", "--no-fail-fast"])))?;
     step("vcan", || vcan::vcan_test(&[]))?;
     step("python", python::test)
 }
