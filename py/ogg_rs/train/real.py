@@ -5,7 +5,7 @@ Three sources, none of them ever trained on:
 - *reference*: a folder with `camNN.mp4` and `reference2d.csv` (camera, frame, and `rsho_u_px`, `rsho_v_px`, `relb_...` to `lwri_v_px`):
   both arms triangulated from several views and projected back;
 - *crops*: an `.npz` with `C (n, h, w, 3)` BGR pictures, `U (n, 8, 2)` joints, `T (n,)` torso lengths and `tag (n,)` subjects;
-- *hand*: `data/hand_labels.csv`, places that a person set by looking at frames of public recordings.
+- *hand*: `data/hand_labels.csv`, places set one by one by looking at enlarged frames of public recordings.
 
 In a recording the network looks twice at a frame, as a tracker does: at the whole frame or where the person was in the last one, then at
 the square around what it found. No label takes part in this.
