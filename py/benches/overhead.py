@@ -1,4 +1,4 @@
-"""What a small call from Python costs over the work it asks for: `python py/benches/overhead.py`.
+"""What a small call from Python costs over the work it asks for: `cargo xtask bench python`.
 
 `GaussianMixture.predict` of one row is timed from Python, and the same work, repeated in Rust without the border, beside
 it: their difference is the overhead of argument checks, border and result array. Of the other calls the whole time is
@@ -7,7 +7,6 @@ shown. Prints one JSON document, microseconds: median, least and 99th percentile
 
 import json
 import platform
-import sys
 import time
 
 import numpy as np
@@ -43,7 +42,7 @@ def main():
     one = x[:1]
     rust_us = float(np.median([mixture._mixture.labels_seconds(one, 2000) * 1e6 for _ in range(ROUNDS)]))
     whole = median_us(lambda: mixture.predict(one), REPEATS)
-    note = f"whole call {whole[0]:.2f} us, of it in Rust {rust_us:.2f} us"
+    note = f"Python {platform.python_version()}, whole call {whole[0]:.2f} us, of it in Rust {rust_us:.2f} us"
     cases = {
         "GaussianMixture.score_samples": (mixture.score_samples, x),
         "GaussianMixtureRegressor.predict": (regressor.predict, np.ascontiguousarray(x[:, :1])),
@@ -53,8 +52,7 @@ def main():
     for name, (call, data) in cases.items():
         one = data[:1]
         rows.append(row(f"{name}, one row", *median_us(lambda call=call, one=one: call(one), REPEATS), "whole call"))
-    machine = {"python": sys.version.split()[0], "machine": platform.processor() or platform.machine()}
-    print(json.dumps({"area": "python overhead", "machine": machine, "rows": rows}, indent=1))
+    print(json.dumps({"area": "python", "rows": rows}, indent=1))
 
 
 if __name__ == "__main__":

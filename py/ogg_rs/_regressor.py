@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from . import _native
 from ._arrays import FloatArray, floats, rows
-from ._mixture import MixtureEstimator
+from ._fit import MixtureEstimator
 from ._start import full_covariances
 from .errors import InvalidParameter
 

@@ -26,7 +26,7 @@ from .errors import InvalidParameter
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from ._mixture import MixtureEstimator
+    from ._fit import MixtureEstimator
     from ._model import MotionModel
     from .recording import Recording
 

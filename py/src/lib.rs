@@ -8,9 +8,11 @@ mod arima;
 mod array;
 mod can;
 mod command;
+mod evaluation;
 mod failure;
 mod mixture;
 mod model;
+mod network;
 mod pose;
 mod recording;
 mod regressor;
@@ -28,14 +30,15 @@ mod _native {
     #[pymodule_export]
     use crate::command::main;
     #[pymodule_export]
+    use crate::evaluation::{coco_sigmas, evaluate_keypoints};
+    #[pymodule_export]
     use crate::mixture::{Mixture, arima_errors, fit_mixture, select_mixture};
     #[pymodule_export]
     use crate::model::MotionModel;
     #[pymodule_export]
-    use crate::pose::{
-        Estimator, builtin_cards, coco_sigmas, decode, encode_targets, evaluate_keypoints, fuse_labels,
-        published_limbs, skeleton_sources, skeletons,
-    };
+    use crate::network::{Estimator, builtin_cards};
+    #[pymodule_export]
+    use crate::pose::{decode, encode_targets, fuse_labels, published_limbs, skeleton_sources, skeletons};
     #[pymodule_export]
     use crate::recording::Recording;
     #[pymodule_export]

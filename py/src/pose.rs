@@ -1,11 +1,6 @@
-//! Training targets, decoding, networks and their evaluation.
+//! Training targets, decoding, and orders of keypoints.
 
-use std::path::PathBuf;
-use std::sync::Mutex;
-
-use numpy::{
-    PyArray1, PyArray3, PyArray4, PyReadonlyArray2, PyReadonlyArray3, PyReadonlyArray4, PyUntypedArrayMethods,
-};
+use numpy::{PyArray1, PyArray3, PyArray4, PyReadonlyArray3, PyReadonlyArray4, PyUntypedArrayMethods};
 use pose::{
     DetectedPose, ExecutionProvider, ImageView, LabelledPose, Labels, Layout, LibraryChoice, LibrarySearch, Limb,
     MapSpec, MapView, Maps, Model, OksParams, OpenPoseDecoder, OpenPoseSpec, Part, Person, Runtime, RuntimeOptions,
@@ -20,7 +15,7 @@ use crate::failure::Failure;
 type MapArrays<'py> =
     (Bound<'py, PyArray4<f32>>, Bound<'py, PyArray4<f32>>, Bound<'py, PyArray4<f32>>, Bound<'py, PyArray4<f32>>);
 /// Keypoints `(n, joints, 3)` as u, v, score (NaN, NaN, 0 where there is none), and scores `(n)`.
-type People<'py> = (Bound<'py, PyArray3<f32>>, Bound<'py, PyArray1<f32>>);
+pub(crate) type People<'py> = (Bound<'py, PyArray3<f32>>, Bound<'py, PyArray1<f32>>);
 /// From-part, to-part and the channels of the field.
 type LimbTuple = (usize, usize, usize, usize);
 
@@ -148,7 +143,7 @@ pub(crate) fn fuse_labels<'py>(
     arrays(py, maps, batch, &plan)
 }
 
-fn people_arrays<'py>(py: Python<'py>, people: &[Person], joints: usize) -> PyResult<People<'py>> {
+pub(crate) fn people_arrays<'py>(py: Python<'py>, people: &[Person], joints: usize) -> PyResult<People<'py>> {
     let mut numbers = Vec::with_capacity(people.len() * joints * 3);
     for keypoint in people.iter().flat_map(|p| &p.keypoints) {
         numbers.extend(keypoint.map_or([f32::NAN, f32::NAN, 0.0], |k| [k.u_px, k.v_px, k.score]));
@@ -202,166 +197,6 @@ pub(crate) fn decode<'py>(
         py.detach(|| OpenPoseDecoder::new(skeleton, &spec, min_score).decode(pcm_view, paf_view))
     };
     people_arrays(py, &people, skeleton.len())
-}
-
-/// The ten numbers of COCO.
-#[pyfunction]
-#[pyo3(signature = (gt_images, gt_keypoints, gt_boxes, gt_crowd, dt_images, dt_keypoints, dt_scores, *, sigmas, keypoints, visibility, max_detections))]
-#[expect(clippy::too_many_arguments, reason = "a keyword-only Python signature")]
-pub(crate) fn evaluate_keypoints(
-    py: Python<'_>,
-    gt_images: Vec<u64>,
-    gt_keypoints: PyReadonlyArray3<'_, f64>,
-    gt_boxes: PyReadonlyArray2<'_, f64>,
-    gt_crowd: Vec<bool>,
-    dt_images: Vec<u64>,
-    dt_keypoints: PyReadonlyArray3<'_, f64>,
-    dt_scores: Vec<f64>,
-    sigmas: Vec<f64>,
-    keypoints: Option<Vec<usize>>,
-    visibility: Option<u8>,
-    max_detections: usize,
-) -> PyResult<[Option<f64>; 10]> {
-    check_len("numbers per label keypoint", 3, gt_keypoints.shape()[2])?;
-    check_len("numbers per label box and area", 5, gt_boxes.shape()[1])?;
-    check_len("numbers per detection keypoint", 2, dt_keypoints.shape()[2])?;
-    let joints = sigmas.len();
-    for (what, got) in
-        [("keypoints of a label", gt_keypoints.shape()[1]), ("keypoints of a detection", dt_keypoints.shape()[1])]
-    {
-        check_len(what, joints, got)?;
-    }
-    let labels: Vec<LabelledPose> = borrowed("gt_keypoints", &gt_keypoints)?
-        .chunks_exact(3 * joints.max(1))
-        .zip(borrowed("gt_boxes", &gt_boxes)?.chunks_exact(5))
-        .zip(gt_images.iter().zip(&gt_crowd))
-        .map(|((points, place), (&image_id, &is_crowd))| LabelledPose {
-            image_id,
-            keypoints: points.chunks_exact(3).map(|k| [k[0], k[1], k[2]]).collect(),
-            area_px2: place[4],
-            box_px: [place[0], place[1], place[2], place[3]],
-            is_crowd,
-        })
-        .collect();
-    let detections: Vec<DetectedPose> = borrowed("dt_keypoints", &dt_keypoints)?
-        .chunks_exact(2 * joints.max(1))
-        .zip(dt_images.iter().zip(&dt_scores))
-        .map(|(points, (&image_id, &score))| DetectedPose {
-            image_id,
-            keypoints: points.chunks_exact(2).map(|k| [k[0], k[1]]).collect(),
-            score,
-        })
-        .collect();
-    let params = OksParams { sigmas, max_detections, subset: Subset { keypoints, visibility } };
-    let s = py.detach(|| params.evaluate(&labels, &detections)).map_err(Failure::from)?;
-    Ok([s.ap, s.ap_50, s.ap_75, s.ap_medium, s.ap_large, s.ar, s.ar_50, s.ar_75, s.ar_medium, s.ar_large])
-}
-
-fn provider_of(what: &'static str, name: &str) -> Result<ExecutionProvider, Failure> {
-    use ExecutionProvider as P;
-    [P::Cpu, P::OpenVino, P::Cuda, P::TensorRt].into_iter().find(|p| p.name() == name).ok_or_else(|| {
-        let expected = "'cpu', 'openvino', 'cuda' or 'tensorrt'".to_owned();
-        Failure::Argument { what, expected, got: format!("{name:?}") }
-    })
-}
-
-/// A network that looks at the pictures of one camera.
-#[pyclass(frozen, module = "ogg_rs._native")]
-pub(crate) struct Estimator {
-    inner: Mutex<pose::Estimator>,
-    name: String,
-    skeleton: Skeleton,
-    runtime: String,
-}
-
-impl Estimator {
-    fn lock(&self) -> std::sync::MutexGuard<'_, pose::Estimator> {
-        self.inner.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
-    }
-}
-
-#[pymethods]
-impl Estimator {
-    /// `library` is a path, `"tract"`, or None for the first that is found, `site_packages` included.
-    #[new]
-    #[pyo3(signature = (card, *, weights_dirs, library, site_packages, provider, fallback, threads))]
-    #[expect(clippy::too_many_arguments, reason = "a keyword-only Python signature")]
-    fn new(
-        py: Python<'_>,
-        card: PathBuf,
-        weights_dirs: Vec<PathBuf>,
-        library: Option<PathBuf>,
-        site_packages: Vec<PathBuf>,
-        provider: &str,
-        fallback: Option<&str>,
-        threads: Option<usize>,
-    ) -> PyResult<Self> {
-        let library = match library {
-            Some(name) if name.as_os_str() == "tract" => LibraryChoice::PureRust,
-            explicit => LibraryChoice::Search(onnxruntime_candidates(&LibrarySearch {
-                explicit: explicit.as_deref(),
-                python: &site_packages,
-                system: true,
-                ..LibrarySearch::default()
-            })),
-        };
-        let options = RuntimeOptions {
-            library,
-            provider: provider_of("provider", provider)?,
-            fallback: fallback.map(|name| provider_of("fallback", name)).transpose()?,
-            threads,
-            spin: false,
-        };
-        let inner = py
-            .detach(|| {
-                let model = Model::find(&card, &weights_dirs)?;
-                pose::Estimator::load(&model, &Runtime::load(options)?)
-            })
-            .map_err(Failure::from)?;
-        let (name, skeleton) = (inner.card().name.clone(), inner.card().skeleton);
-        let runtime = inner.runtime_info().to_string();
-        Ok(Self { inner: Mutex::new(inner), name, skeleton, runtime })
-    }
-
-    #[getter]
-    fn name(&self) -> &str {
-        &self.name
-    }
-
-    #[getter]
-    fn skeleton(&self) -> &'static str {
-        self.skeleton.name()
-    }
-
-    #[getter]
-    fn runtime(&self) -> &str {
-        &self.runtime
-    }
-
-    /// People in an RGB picture `(height, width, 3)`.
-    fn estimate<'py>(&self, py: Python<'py>, image: PyReadonlyArray3<'py, u8>) -> PyResult<People<'py>> {
-        check_len("channels of the picture", 3, image.shape()[2])?;
-        let view = ImageView::new(image.shape()[1], image.shape()[0], borrowed("image", &image)?);
-        let view = view.map_err(Failure::from)?;
-        let people = py.detach(|| self.lock().estimate(view)).map_err(Failure::from)?;
-        people_arrays(py, &people, self.skeleton.len())
-    }
-
-    fn reset(&self, py: Python<'_>) {
-        py.detach(|| self.lock().reset());
-    }
-}
-
-/// COCO's standard deviations.
-#[pyfunction]
-pub(crate) fn coco_sigmas() -> Vec<f64> {
-    pose::COCO_17_SIGMAS.to_vec()
-}
-
-/// Names of the compiled-in cards.
-#[pyfunction]
-pub(crate) fn builtin_cards() -> Vec<String> {
-    Model::builtin_cards().into_iter().map(|card| card.name).collect()
 }
 
 /// Limbs of the built-in network in the order of assembly.

@@ -10,7 +10,7 @@ use anyhow::{Context, Result, bail};
 use serde::{Deserialize, Serialize};
 
 use crate::process::{cargo, output, workspace_root};
-use crate::python::virtual_environment;
+use crate::python::{self, virtual_environment};
 
 /// Areas, and the crate whose `benches/<area>.rs` measures each.
 const AREAS: &[(&str, &str)] = &[
@@ -93,15 +93,17 @@ pub(crate) fn run(arguments: &[String]) -> Result<()> {
         [area, flag, file] if flag == "--json" => (area.as_str(), Some(file)),
         _ => bail!("usage: cargo xtask bench AREA [--json FILE] [-- ARGUMENTS OF THE BENCHMARK]"),
     };
+    if area == "python" {
+        return print(&mut parsed(area, &python_overhead()?)?, read("/proc/loadavg"), json);
+    }
     let Some((_, package)) = AREAS.iter().find(|(name, _)| *name == area) else {
         let names: Vec<_> = AREAS.iter().map(|(name, _)| *name).collect();
-        bail!("no area named {area:?}; there are {}", names.join(", "));
+        bail!("no area named {area:?}; there are {}, python", names.join(", "));
     };
     let load_before = read("/proc/loadavg");
     let mut benchmark = cargo(&["bench", "--quiet", "--package", package, "--bench", area, "--"]);
     let ours = output(benchmark.args(passed.iter().map(from_here)))?;
-    let mut report: Report = serde_json::from_str(&ours)
-        .with_context(|| format!("the {area} benchmark printed something else than rows"))?;
+    let mut report = parsed(area, &ours)?;
     let folder = workspace_root().join(folder_of(package)).join("benches");
     let script = folder.join("peers.py");
     if script.exists() {
@@ -110,12 +112,25 @@ pub(crate) fn run(arguments: &[String]) -> Result<()> {
         let peers: Report = serde_json::from_str(&printed).context("peers.py printed something else than rows")?;
         join(&mut report.rows, peers.rows);
     }
+    print(&mut report, load_before, json)
+}
+
+fn parsed(area: &str, printed: &str) -> Result<Report> {
+    serde_json::from_str(printed).with_context(|| format!("the {area} benchmark printed something else than rows"))
+}
+
+fn print(report: &mut Report, load_before: String, json: Option<&String>) -> Result<()> {
     report.machine = Some(machine(load_before));
-    print_table(&report);
+    print_table(report);
     if let Some(file) = json {
-        std::fs::write(file, serde_json::to_string_pretty(&report)?).with_context(|| file.clone())?;
+        std::fs::write(file, serde_json::to_string_pretty(report)?).with_context(|| file.clone())?;
     }
     Ok(())
+}
+
+/// What a call of the wheel costs over the work it asks for.
+fn python_overhead() -> Result<String> {
+    output(Command::new(python::installed()?).arg(workspace_root().join("py/benches/overhead.py")))
 }
 
 /// Cargo starts a benchmark in its crate's folder, so a file named from here needs its whole path.

@@ -21,7 +21,7 @@ cargo xtask <task>
   vcan-test                the tests that need a real SocketCAN interface
   bench AREA [--json FILE] [-- ARGUMENTS OF THE BENCHMARK]
                            measure an area beside its peers and print a table
-                           areas: gmr, kin, motion, can, sim, pose, capture, follow
+                           areas: gmr, kin, motion, can, sim, pose, capture, follow, python
 ";
 
 fn main() -> Result<()> {

@@ -75,14 +75,19 @@ fn check_features() -> Result<()> {
     bail!("the wheel would compile these again; name the missing features in py/Cargo.toml: {others:#?}")
 }
 
-/// Installs the wheel and runs the Python tests.
-pub(crate) fn test() -> Result<()> {
+/// The interpreter of the environment, with the wheel installed.
+pub(crate) fn installed() -> Result<PathBuf> {
     let wheel = wheel()?;
     let python = environment()?;
     run(Command::new(&python)
         .args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--force-reinstall", "--no-deps"])
         .arg(&wheel))?;
-    pytest(&python, &["py/tests"])
+    Ok(python)
+}
+
+/// Runs the Python tests on the installed wheel.
+pub(crate) fn test() -> Result<()> {
+    pytest(&installed()?, &["py/tests"])
 }
 
 /// Installs the wheel into an empty environment of each interpreter, and runs the examples, the documentation and the
