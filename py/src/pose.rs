@@ -2,9 +2,8 @@
 
 use numpy::{PyArray1, PyArray3, PyArray4, PyReadonlyArray3, PyReadonlyArray4, PyUntypedArrayMethods};
 use pose::{
-    DetectedPose, ExecutionProvider, ImageView, LabelledPose, Labels, Layout, LibraryChoice, LibrarySearch, Limb,
-    MapSpec, MapView, Maps, Model, OksParams, OpenPoseDecoder, OpenPoseSpec, Part, Person, Runtime, RuntimeOptions,
-    Skeleton, Source, Subset, TargetParams, TargetPlan, onnxruntime_candidates,
+    Labels, Layout, Limb, MapSpec, MapView, Maps, Model, OpenPoseDecoder, OpenPoseSpec, Part, Person, Skeleton, Source,
+    TargetParams, TargetPlan,
 };
 use pyo3::prelude::*;
 
