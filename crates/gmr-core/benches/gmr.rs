@@ -226,6 +226,10 @@ fn regressions(rows: &mut Vec<Value>) {
         1e6,
         "ours with covariance",
     ));
+    let batch = Timing::of(400, || {
+        black_box(regressor.predict_mean_batch(black_box(&queries)).unwrap());
+    });
+    rows.push(batch.row("gmr_200_queries_k10_mean", "us", 1e6, "one thread, mean only"));
     let regressor = Regressor::new(&fit(8), &[0], &outputs).unwrap();
     let mut out = regressor.prediction();
     let single = |f: &mut dyn FnMut(f64)| {

@@ -410,6 +410,16 @@ struct Active {
 impl Active {
     const NONE: Self = Self { groups: [0; GROUPS], count: 0 };
 
+    const ALL: Self = {
+        let mut groups = [0; GROUPS];
+        let mut g = 0;
+        while g < GROUPS {
+            groups[g] = g as u8;
+            g += 1;
+        }
+        Self { groups, count: GROUPS }
+    };
+
     #[inline(always)]
     fn list(&self) -> &[u8] {
         &self.groups[..self.count]
@@ -585,6 +595,18 @@ fn expectation<S: Simd>(simd: S, block: &[f64], lanes: usize, components: Compon
         let mut found = 0u32;
         for (g, (q, least)) in groups.iter().zip(leasts).enumerate() {
             found |= u32::from(any_above(simd, q, least)) << g;
+        }
+        if found == (1u32 << groups.len()) - 1 {
+            // Every group takes part: in place.
+            *active = Active::ALL;
+            active.count = groups.len();
+            for (q, m) in joint[..lanes].iter_mut().zip(&peak) {
+                *q = exp_nonpositive(*q - m);
+            }
+            for (s, q) in sum[..lanes].iter_mut().zip(&joint[..lanes]) {
+                *s += q;
+            }
+            continue;
         }
         active.count = 0;
         while found != 0 {

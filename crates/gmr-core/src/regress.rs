@@ -432,6 +432,34 @@ impl Regressor {
         Ok(batch)
     }
 
+    /// Means of `queries: (n, d_i)`, `(n, d_o)` row-major, without their covariances.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Regressor, Samples};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.0, 0.0], covariances: vec![1.0, 0.8, 0.8, 1.0],
+    /// # };
+    /// let joint = Mixture::new(parts)?; // unit variances, correlation 0.8
+    /// let means = Regressor::new(&joint, &[0], &[1])?.predict_mean_batch(&Samples::new(&[0.0, 2.0], 1)?)?;
+    /// assert!(means[0].abs() < 1e-15 && (means[1] - 1.6).abs() < 1e-15);
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// As [`Regressor::predict_into`], for the first query that fails.
+    pub fn predict_mean_batch(&self, queries: &Samples<'_>) -> Result<Vec<f64>> {
+        check_len("query dimension", self.inputs.len(), queries.dim())?;
+        let mut means = Vec::with_capacity(queries.len() * self.outputs.len());
+        let mut out = self.prediction();
+        for i in 0..queries.len() {
+            self.predict_mean_into(queries.row(i), &mut out)?;
+            means.extend_from_slice(&out.mean);
+        }
+        Ok(means)
+    }
+
     /// Responsibilities (8), component means (7) and their mix (9). False without support.
     #[inline(always)]
     fn mix(&self, x: &[f64], out: &mut Prediction) -> bool {
@@ -469,10 +497,13 @@ impl Regressor {
         let peak = peaks.iter().fold(f64::NEG_INFINITY, |m, p| if *p > m { *p } else { m });
         let supported = peak > f64::NEG_INFINITY;
         let peak = if supported { peak } else { 0.0 };
+        // One plain loop: inner loops of eight would be unrolled into pieces of registers.
+        for b in &mut out.wide_responsibilities {
+            *b = exp_nonpositive(*b - peak);
+        }
         let mut sums = [0.0; LANES];
-        for b in groups_mut(&mut out.wide_responsibilities) {
+        for b in groups(&out.wide_responsibilities) {
             for l in 0..LANES {
-                b[l] = exp_nonpositive(b[l] - peak);
                 sums[l] += b[l];
             }
         }
@@ -512,6 +543,43 @@ impl Regressor {
     /// Law of total covariance (10). Products commute, so the result is exactly symmetric.
     #[inline(always)]
     fn spread(&self, out: &mut Prediction) {
+        match self.outputs.len() {
+            1 => self.spread_of::<1>(out),
+            2 => self.spread_of::<2>(out),
+            3 => self.spread_of::<3>(out),
+            4 => self.spread_of::<4>(out),
+            5 => self.spread_of::<5>(out),
+            6 => self.spread_of::<6>(out),
+            7 => self.spread_of::<7>(out),
+            8 => self.spread_of::<8>(out),
+            _ => self.spread_of_any_dimension(out),
+        }
+    }
+
+    /// With all rows of the covariance in registers.
+    #[inline(always)]
+    fn spread_of<const D: usize>(&self, out: &mut Prediction) {
+        let mean = groups(&out.wide)[0];
+        let mut v = [[0.0; LANES]; D];
+        let within = groups(&self.wide_covariances).as_chunks::<D>().0;
+        for ((b, m), within) in out.responsibilities.iter().zip(groups(&out.wide_means)).zip(within) {
+            let mut e = [0.0; LANES];
+            for l in 0..LANES {
+                e[l] = m[l] - mean[l];
+            }
+            for i in 0..D {
+                for l in 0..LANES {
+                    v[i][l] = b.mul_add(e[i].mul_add(e[l], within[i][l]), v[i][l]);
+                }
+            }
+        }
+        for (dense, row) in out.covariance.as_chunks_mut::<D>().0.iter_mut().zip(&v) {
+            dense.copy_from_slice(&row[..D]);
+        }
+    }
+
+    #[inline(always)]
+    fn spread_of_any_dimension(&self, out: &mut Prediction) {
         let (dout, width) = (self.outputs.len(), self.width);
         let (mean, covariance) = out.wide.split_at_mut(width);
         for i in 0..dout {

@@ -1,7 +1,8 @@
 //! Measures kinematics beside its peers and prints one JSON document.
 //!
 //! `cargo bench -p kin --bench kin` takes a minute or two; `-- --full` runs the published counts: 10^6 inverse kinematics
-//! of the built-in arm and 10^6 paths through singularities.
+//! of the built-in arm and 10^6 paths through singularities. Words among the arguments choose the parts: `kernels`,
+//! `inverse`, `paths`; without any, all run.
 #![allow(
     clippy::unwrap_used,
     clippy::print_stdout,
@@ -113,8 +114,17 @@ fn blocks<T>(inputs: &[T], count: usize, mut call: impl FnMut(&T)) -> Spread {
 
 fn main() {
     let full = std::env::args().any(|argument| argument == "--full");
-    let mut rows = kernels::rows();
-    rows.extend(inverse::rows(full));
-    rows.extend(paths::rows(full));
+    let parts: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with("--")).collect();
+    let wanted = |part: &str| parts.is_empty() || parts.iter().any(|p| p == part);
+    let mut rows = Vec::new();
+    if wanted("kernels") {
+        rows.extend(kernels::rows());
+    }
+    if wanted("inverse") {
+        rows.extend(inverse::rows(full));
+    }
+    if wanted("paths") {
+        rows.extend(paths::rows(full));
+    }
     println!("{}", json!({"area": "kin", "rows": rows}));
 }

@@ -107,6 +107,9 @@ pub struct FollowStep {
     pub condition: f64,
 }
 
+/// What rounding may add to a joint's step is left free below its speed limit.
+const BELOW_LIMIT: f64 = 1.0 - 1e-12;
+
 impl Chain {
     /// Moves the joint vector `q` towards `base_from_target` by at most what the joints may go in `dt_s`, on the
     /// branch where it is. The result lies within the position limits if `q` did.
@@ -151,7 +154,7 @@ impl Chain {
         let mut allowed = 1.0f64;
         for ((goal, now), limits) in solution.iter().zip(&*q).zip(self.limits()) {
             let way = (goal - now).abs();
-            let reach = limits.velocity * fraction * dt_s;
+            let reach = limits.velocity * fraction * dt_s * BELOW_LIMIT;
             if way > reach {
                 allowed = allowed.min(reach / way);
             }
