@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from .errors import InvalidParameter
 
 FloatArray = NDArray[np.float64]
+# NumPy has one object for the type of this machine's byte order: to compare with it costs next to nothing.
+_FLOAT64 = np.dtype(np.float64)
 
 
 def floats(what: str, values: ArrayLike) -> FloatArray:
@@ -19,7 +21,7 @@ def floats(what: str, values: ArrayLike) -> FloatArray:
     Raises:
         InvalidParameter: `values` are not real numbers, or have ragged rows.
     """
-    if type(values) is np.ndarray and values.dtype == np.float64 and values.flags.c_contiguous:
+    if type(values) is np.ndarray and values.dtype is _FLOAT64 and values.flags.c_contiguous:
         return values
     if hasattr(values, "tocsr"):
         raise InvalidParameter(f"{what}: expected a dense array, got a sparse one; use its toarray()", "Type")
@@ -45,21 +47,22 @@ def rows(what: str, values: ArrayLike, columns: int | None = None, owner: str = 
             `owner` asks for.
     """
     array = floats(what, values)
-    if array.ndim != 2:
+    shape = array.shape
+    if len(shape) != 2:
         raise InvalidParameter(
-            f"{what}: expected a 2D array (n, d), got shape {array.shape}. Reshape your data: (-1, 1) makes one column, "
+            f"{what}: expected a 2D array (n, d), got shape {shape}. Reshape your data: (-1, 1) makes one column, "
             "(1, -1) one row",
             "Shape",
         )
-    if array.shape[1] == 0:
+    if shape[1] == 0:
         raise InvalidParameter(
-            f"{what}: 0 feature(s) (shape={array.shape}) while a minimum of 1 is required.", "Shape"
+            f"{what}: 0 feature(s) (shape={shape}) while a minimum of 1 is required.", "Shape"
         )
-    if columns is not None and array.shape[1] != columns:
+    if columns is not None and shape[1] != columns:
         raise InvalidParameter(
-            f"{what} has {array.shape[1]} features, but {owner} is expecting {columns} features as input", "Shape"
+            f"{what} has {shape[1]} features, but {owner} is expecting {columns} features as input", "Shape"
         )
-    if array.shape[0] == 0:
+    if shape[0] == 0:
         raise InvalidParameter(f"{what}: expected at least 1 sample, got 0 sample(s)", "Shape")
     return array
 

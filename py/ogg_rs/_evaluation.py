@@ -11,7 +11,7 @@ import numpy as np
 
 from . import _native
 from ._arrays import FloatArray, batch, count, floats
-from .errors import DeviceError, InvalidParameter
+from .errors import DeviceError, InvalidParameter, OggError
 
 COCO_17_SIGMAS: tuple[float, ...] = tuple(_native.coco_sigmas())
 """Deviations of human labels of COCO's keypoints, as fractions of the square root of the area."""
@@ -82,28 +82,27 @@ def evaluate_keypoints(
             raise InvalidParameter(f"{what}: expected a list of objects, got {type(rows).__name__}", "Type")
     labels, found = list(annotations or ()), list(results or ())
     n = len(sigmas)
-    boxes = [[*_field("gt", a, "bbox"), _field("gt", a, "area")] for a in labels]
     try:
-        return KeypointScores(
-            *(
-                np.nan if value is None else value
-                for value in _native.evaluate_keypoints(
-                    [count("image_id", _field("gt", a, "image_id"), 0) for a in labels],
-                    _points("gt", labels, n, 3),
-                    batch("bbox and area", np.array(boxes, float).reshape((len(labels), -1 if labels else 5)), (5,))[0],
-                    [bool(a.get("iscrowd", 0)) for a in labels],
-                    [count("image_id", _field("dt", a, "image_id"), 0) for a in found],
-                    np.ascontiguousarray(_points("dt", found, n, 3)[:, :, :2]),
-                    [float(_field("dt", a, "score")) for a in found],
-                    sigmas=[float(sigma) for sigma in sigmas],
-                    keypoints=None if keypoints is None else [count("keypoints", i, 0) for i in keypoints],
-                    visibility=None if visibility is None else count("visibility", visibility, 1),
-                    max_detections=count("max_detections", max_detections, 1),
-                )
-            )
+        boxes = [[*_field("gt", a, "bbox"), _field("gt", a, "area")] for a in labels]
+        places = np.array(boxes, float).reshape((len(labels), -1 if labels else 5))
+        numbers = _native.evaluate_keypoints(
+            [count("image_id", _field("gt", a, "image_id"), 0) for a in labels],
+            _points("gt", labels, n, 3),
+            batch("bbox and area", places, (5,))[0],
+            [bool(a.get("iscrowd", 0)) for a in labels],
+            [count("image_id", _field("dt", a, "image_id"), 0) for a in found],
+            np.ascontiguousarray(_points("dt", found, n, 3)[:, :, :2]),
+            [float(_field("dt", a, "score")) for a in found],
+            sigmas=[float(sigma) for sigma in sigmas],
+            keypoints=None if keypoints is None else [count("keypoints", i, 0) for i in keypoints],
+            visibility=None if visibility is None else count("visibility", visibility, 1),
+            max_detections=count("max_detections", max_detections, 1),
         )
-    except (TypeError, OverflowError) as error:
+    except OggError:
+        raise
+    except (TypeError, ValueError, OverflowError) as error:
         raise InvalidParameter(f"gt, dt: {error}", "Type") from error
+    return KeypointScores(*(np.nan if value is None else value for value in numbers))
 
 
 def _json(what: str, given: Any) -> Any:

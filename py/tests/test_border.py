@@ -54,6 +54,7 @@ WALK = ogg_rs.Arima((0, 1, 0)).fit([0.0, 1.0, 0.5, 2.0])
 LIMITS = [motion.JointLimits(lower_rad=-1, upper_rad=1, velocity_rad_s=1, acceleration_rad_s2=5, jerk_rad_s3=50)] * 2
 ARM = sim.Arm()
 WORKER = sim.Worker()
+NETWORK = pose.Estimator("builtin:ogg-lite", onnxruntime="tract")
 MAPS = pose.TargetMaps(*(np.zeros((1, c, 2, 2), np.float32) for c in (9, 14, 9, 14)))
 TAUGHT = ogg_rs.MotionModel.teach([(np.arange(0, 3, 0.05), sim.Worker(variation=0).poses(np.arange(0, 3, 0.05)).arm())])
 
@@ -87,6 +88,10 @@ CALLS = {
     "targets": lambda a, b: pose.encode_targets(a, b, b, size=(16, 16), skeleton="upper-limb-8"),
     "fusion": lambda a, b: pose.fuse_labels(MAPS, a, b),
     "decode": lambda a, b: pose.decode(a, b, skeleton="upper-limb-8"),
+    "evaluation": lambda a, b: pose.evaluate_keypoints(
+        [{"image_id": 1, "keypoints": a, "bbox": b, "area": 9.0}], [{"image_id": 1, "keypoints": b, "score": a}]
+    ),
+    "picture": lambda a, b: NETWORK.estimate(a),
     "convert": lambda a, b: pose.convert(a, "coco-17", "openpose-18"),
 }
 

@@ -1,6 +1,7 @@
 """Recordings as tables, judged by the reference MCAP reader; LeRobot datasets, judged by their written format."""
 
 import json
+from importlib.util import find_spec
 
 import numpy as np
 import pandas as pd
@@ -134,6 +135,17 @@ def test_a_lerobot_dataset_has_the_written_format(builtin_run, run, tmp_path):
         recording.to_lerobot(builtin_run[0], out)
     with pytest.raises(ogg_rs.InvalidParameter):
         recording.to_lerobot([], tmp_path / "none")
+
+
+@pytest.mark.skipif(find_spec("lerobot") is None, reason="LeRobot is not installed, it needs PyTorch")
+def test_lerobot_itself_opens_the_dataset(builtin_run, tmp_path, monkeypatch):
+    monkeypatch.setenv("HF_HUB_OFFLINE", "1")
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+    out = recording.to_lerobot([builtin_run[0]] * 2, tmp_path / "set", fps=20)
+    dataset = LeRobotDataset("local/run", root=out, delta_timestamps={"action": [0.0, 0.05]})
+    assert dataset.num_episodes == 2 and dataset[3]["action"].shape == (2, 6)
+    assert tuple(dataset[3]["observation.images.camera"].shape[:1]) == (3,)
 
 
 def test_a_package_that_is_missing_is_named(run, monkeypatch):
