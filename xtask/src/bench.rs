@@ -3,13 +3,13 @@
 //!
 //! What follows `--` goes to the benchmark program, such as `-- --full` for the published counts.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use anyhow::{Context, Result, bail};
 use serde::{Deserialize, Serialize};
 
-use crate::process::{cargo, output, workspace_root};
+use crate::process::{cargo, output, target_dir, workspace_root};
 use crate::python::{self, virtual_environment};
 
 /// Areas, and the crate whose `benches/<area>.rs` measures each.
@@ -100,14 +100,25 @@ pub(crate) fn run(arguments: &[String]) -> Result<()> {
         let names: Vec<_> = AREAS.iter().map(|(name, _)| *name).collect();
         bail!("no area named {area:?}; there are {}, python", names.join(", "));
     };
-    let load_before = read("/proc/loadavg");
-    let mut benchmark = cargo(&["bench", "--quiet", "--package", package, "--bench", area, "--"]);
-    let ours = output(benchmark.args(passed.iter().map(from_here)))?;
-    let mut report = parsed(area, &ours)?;
     let folder = workspace_root().join(folder_of(package)).join("benches");
     let script = folder.join("peers.py");
-    if script.exists() {
-        let python = virtual_environment(&format!("bench-{area}"), &folder.join("peers-requirements.txt"))?;
+    let python = if script.exists() {
+        Some(virtual_environment(&format!("bench-{area}"), &folder.join("peers-requirements.txt"))?)
+    } else {
+        None
+    };
+    // Crates above tract are built with the workspace's features, or tract is compiled a second time.
+    let scope: &[&str] = if area == "pose" { &["--workspace"] } else { &["--package", package] };
+    let mut benchmark = cargo(&[&["bench", "--quiet"], scope, &["--bench", area]].concat());
+    if let (Some(python), "pose") = (&python, area) {
+        benchmark.envs(networks(python, &folder)?);
+    }
+    benchmark.arg("--").args(passed.iter().map(from_here));
+    // What comes now is measured; what takes long once is done.
+    let load_before = read("/proc/loadavg");
+    let ours = output(&mut benchmark)?;
+    let mut report = parsed(area, &ours)?;
+    if let Some(python) = python {
         let printed = output(Command::new(python).arg(&script))?;
         let peers: Report = serde_json::from_str(&printed).context("peers.py printed something else than rows")?;
         join(&mut report.rows, peers.rows);
@@ -131,6 +142,20 @@ fn print(report: &mut Report, load_before: String, json: Option<&String>) -> Res
 /// What a call of the wheel costs over the work it asks for.
 fn python_overhead() -> Result<String> {
     output(Command::new(python::installed()?).arg(workspace_root().join("py/benches/overhead.py")))
+}
+
+/// What `benches/pose.rs` runs networks with: the environment's ONNX Runtime, unless another one is named, and a network with
+/// random weights.
+fn networks(python: &Path, folder: &Path) -> Result<Vec<(&'static str, PathBuf)>> {
+    let models = target_dir().join("bench-pose");
+    output(Command::new(python).arg(folder.join("models.py")).arg(&models))?;
+    let mut named = vec![("OGG_POSE_BENCH_MODELS", models)];
+    if std::env::var_os("ORT_DYLIB_PATH").is_none() {
+        let find = "import glob, os, onnxruntime\n\
+                    print(glob.glob(os.path.dirname(onnxruntime.__file__) + '/capi/libonnxruntime.so*')[0])";
+        named.push(("ORT_DYLIB_PATH", output(Command::new(python).args(["-c", find]))?.trim().into()));
+    }
+    Ok(named)
 }
 
 /// Cargo starts a benchmark in its crate's folder, so a file named from here needs its whole path.

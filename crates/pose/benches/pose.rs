@@ -1,8 +1,9 @@
 //! Preprocessing, decoding, targets, gates, and whole networks. Prints one JSON document.
 //!
-//! `OGG_POSE_MODELS` names a folder of networks, each known by its card; without it only `ogg-lite` is run.
-//! `ORT_DYLIB_PATH` names ONNX Runtime; networks also run on tract, in a process of their own. `OGG_POSE_THREADS` sets the
-//! threads of ONNX Runtime, 2 by default.
+//! `OGG_POSE_MODELS` names a folder of networks, each known by its card; without it only the project's own are run.
+//! `ORT_DYLIB_PATH` names ONNX Runtime, and networks of the project also run on OpenVINO where it has it; all also run on tract, in a
+//! process of their own. `cargo xtask bench pose` names one that it installs, and makes an `ogg-vgg` with random
+//! weights (`models.py`). `OGG_POSE_THREADS` sets the threads, 2 by default.
 #![expect(clippy::print_stdout, reason = "the JSON document is the product of this program")]
 #![expect(clippy::disallowed_methods, reason = "a benchmark reads its clock and its environment")]
 #![expect(clippy::unwrap_used, reason = "a benchmark that cannot run ends")]

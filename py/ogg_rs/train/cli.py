@@ -109,6 +109,13 @@ def parser() -> argparse.ArgumentParser:
     evaluate.add_argument("--images", type=Path)
     evaluate.add_argument("--json", type=Path)
 
+    smaller = commands.add_parser("quantise", help="write an int8, bfloat16 or float16 variant of a network and its card")
+    smaller.add_argument("--model", type=Path, required=True, help="an .onnx with its card (.toml) beside it")
+    smaller.add_argument("--variant", choices=["int8", "bf16", "fp16"], required=True)
+    smaller.add_argument("--out", type=Path, required=True, help="file to write; its card goes beside it")
+    smaller.add_argument("--calibration", type=Path, metavar="DIR", help="pictures that int8 measures its ranges on")
+    smaller.add_argument("--limit", type=int, default=200, help="at most so many of them")
+
     about = commands.add_parser("describe", help="layers, parameters and multiply-adds of a network")
     about.add_argument("--network", choices=["ogg-lite", "ogg-vgg"], required=True)
     about.add_argument("--size", type=size, default=(256, 192), metavar="WxH")

@@ -13,7 +13,7 @@ import torch
 from PIL import Image
 from tqdm import tqdm
 
-from . import card, puppets, real
+from . import card, puppets, quantise, real
 from .augment import AugmentParams
 from .batches import BatchMaker, Joined, Normalisation
 from .coco import CocoKeypoints
@@ -257,5 +257,6 @@ RUN: dict[str, Callable[[argparse.Namespace], None]] = {
     "eval": score_model,
     "people": render_people,
     "trunk": trunk,
+    "quantise": quantise.run,
     "describe": describe,
 }

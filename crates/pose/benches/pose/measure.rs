@@ -1,6 +1,6 @@
 //! Times a closure.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
@@ -21,7 +21,19 @@ pub(crate) fn times_ms(n: usize, mut call: impl FnMut()) -> Vec<f64> {
 }
 
 pub(crate) fn row(name: &str, n: usize, call: impl FnMut()) -> Value {
-    let times = times_ms(n, call);
+    of_times(name, &times_ms(n, call))
+}
+
+/// As many calls as fit into `budget`, at least 5 and at most `most`.
+pub(crate) fn row_for(name: &str, budget: Duration, most: usize, mut call: impl FnMut()) -> Value {
+    let start = Instant::now();
+    call();
+    let fits = (budget.as_secs_f64() / start.elapsed().as_secs_f64().max(1e-9)) as usize;
+    of_times(name, &times_ms(fits.clamp(5, most), call))
+}
+
+fn of_times(name: &str, times: &[f64]) -> Value {
+    let n = times.len();
     let at = |share: f64| times[((times.len() - 1) as f64 * share).round() as usize];
     json!({
         "name": name, "unit": "ms", "ours": at(0.5), "p50": at(0.5), "p99": at(0.99), "min": at(0.0), "max": at(1.0), "n": n,
