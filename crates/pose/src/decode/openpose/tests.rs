@@ -314,12 +314,12 @@ fn a_faint_maximum_on_a_limb_does_not_become_its_end() {
     let mut scene = draw(std::slice::from_ref(&person), &spec(), Skeleton::OpenPose18, Layout::Nchw);
     for y in 0..H {
         for x in 0..W {
-            let d2 = (x as f32 - 25.4).powi(2) + (y as f32 - 20.0).powi(2);
+            let d2 = (x as f32 - 25.0).powi(2) + (y as f32 - 20.0).powi(2);
             let cell = &mut scene.pcm[(4 * H + y) * W + x];
-            *cell = cell.max(0.15 * (-d2 / 1.6).exp());
+            *cell = cell.max(0.4 * (-d2 / 1.6).exp());
             for channel in [16, 17] {
                 if y > 21 {
-                    scene.paf[(channel * H + y) * W + x] *= 0.75;
+                    scene.paf[(channel * H + y) * W + x] *= 0.85;
                 }
             }
         }
