@@ -62,6 +62,16 @@ fn a_configuration_without_limits() {
     refused(&["follow", "daemon", "--config", text(&file)], &["cell.toml", "jerk_rad_s3"]);
 }
 
+/// `ogg describe builtin | head -1`, with a reader that is gone before the first line.
+#[test]
+fn a_reader_that_has_read_enough_is_no_error() {
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let output = Command::new(env!("CARGO_BIN_EXE_ogg")).arg("describe").stdout(writer).output().unwrap();
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && message.is_empty(), "{message}");
+}
+
 #[test]
 fn a_missing_video() {
     refused(&["follow", "run", "--input", "/nowhere/cam.mp4"], &["/nowhere/cam.mp4", "expected"]);

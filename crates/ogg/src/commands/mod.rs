@@ -86,8 +86,13 @@ pub fn print_error(error: &Error) {
     }
 }
 
-/// A line on standard output.
-#[expect(clippy::print_stdout, reason = "this is a command's result")]
+/// A line on standard output. A reader that has closed its end (`ogg describe | head`) has read enough, and a robot does not stop
+/// for it.
+#[expect(clippy::print_stderr, reason = "the last place to say that the result cannot be written")]
 pub(crate) fn say(line: impl std::fmt::Display) {
-    println!("{line}");
+    use std::io::{ErrorKind, Write as _};
+    match writeln!(std::io::stdout(), "{line}") {
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => eprintln!("standard output: {error}"),
+        _ => {}
+    }
 }
