@@ -100,6 +100,21 @@ fn a_command_that_steps_too_far_stops_before_it_is_sent() {
 }
 
 #[test]
+fn a_command_that_creeps_over_a_limit_stops_before_it_is_sent() {
+    let mut rig = Rig::new(6);
+    for joint in &mut rig.joints {
+        joint.position_rad = LIMITS.max_rad - 0.01;
+    }
+    rig.activate();
+    for k in 0..20 {
+        let wanted = [LIMITS.max_rad - 0.01 + 0.002 * f64::from(k); 6];
+        rig.run(5 * MS, Command::Follow { position_rad: &wanted, speed_scale: 1.0 });
+        assert!(rig.commanded().iter().all(|q| *q <= LIMITS.max_rad + 2.0 * can_driver::ANGLE_LSB_RAD));
+    }
+    assert_eq!(rig.host_out.as_ref().unwrap().cause, Some(StopCause::CommandOutsideLimits));
+}
+
+#[test]
 fn a_dead_host_means_rest_within_ramp_time_and_braking_distance() {
     let mut rig = Rig::new(6);
     rig.activate();
@@ -384,8 +399,10 @@ fn limits_are_sealed_only_when_all_are_written_and_the_sum_is_right() {
         });
         assert_eq!(rig.controller_state(), ControllerState::Unconfigured);
     }
-    // The sum is right, but nothing was written that it could be the sum of.
+    // The sum is right, but it is that of the limits of the session before.
     let mut rig = Rig::new(6);
+    rig.until(HostState::Ready, Command::Standby);
+    assert_eq!(rig.controller_state(), ControllerState::Ready);
     let protocol = Protocol::new(0).unwrap();
     let mut write = |key, value| {
         let message = Message::Config(Config { key, value });
