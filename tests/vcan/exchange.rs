@@ -4,16 +4,38 @@ use std::time::Duration;
 
 use crate::{Process, interface, pause, peer, setting};
 
+/// Times that a disturbed exchange is tried.
+const ATTEMPTS: usize = 4;
+
+/// What the host reports of `seconds` with a controller in a process of its own.
+fn exchange(name: &str, seconds: f64) -> serde_json::Value {
+    let _controller = Process::start(&mut peer(&["controller", name, &(seconds + 30.0).to_string()]));
+    pause(Duration::from_millis(200));
+    let output = peer(&["host", name, "500", &seconds.to_string()]).output().unwrap();
+    let stdout = String::from_utf8(output.stdout).unwrap();
+    serde_json::from_str(stdout.lines().last().unwrap()).unwrap()
+}
+
 #[test]
 fn six_joints_at_500_hz_without_a_cycle_missed_by_our_code() {
     let Some(name) = interface(6) else { return };
     let seconds = setting("VCAN_EXCHANGE_S", 3.0);
-    let _controller = Process::start(&mut peer(&["controller", &name, &(seconds + 30.0).to_string()]));
-    pause(Duration::from_millis(200));
-    let output = peer(&["host", &name, "500", &seconds.to_string()]).output().unwrap();
-    let stdout = String::from_utf8(output.stdout).unwrap();
-    let report: serde_json::Value = serde_json::from_str(stdout.lines().last().unwrap()).unwrap();
+    // A scheduler that wakes a process two cycles late stops the session as it should, and says nothing about our code.
+    let disturbed = |report: &serde_json::Value| report["wake_late_us"]["max"].as_u64().unwrap() >= 4_000;
+    let mut report = exchange(&name, seconds);
+    for _ in 1..ATTEMPTS {
+        if !disturbed(&report) {
+            break;
+        }
+        eprintln!("wake-ups come late here, once more: {}", report["wake_late_us"]);
+        report = exchange(&name, seconds);
+    }
     let count = |field: &str| report[field].as_u64().unwrap();
+    if disturbed(&report) {
+        eprintln!("NOT JUDGED: this machine wakes processes more than two cycles late: {report}");
+        assert_eq!(count("corrupt_frames"), 0, "{report}");
+        return;
+    }
     assert_eq!(report["state"], "Active", "{report}");
     // Ours can only be cycles whose work outlasted them although the scheduler here did not take the
     // processor away, and sets that the kernel did not take. Of the former some are a host that held
