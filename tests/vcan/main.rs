@@ -36,6 +36,15 @@ fn interface(number: usize) -> Option<String> {
     }
 }
 
+/// Whether the scheduler woke the host more than 4 ms late. That stops the session, as it should, and says nothing about our code.
+fn disturbed(report: &serde_json::Value) -> bool {
+    let latest_us = report["wake_late_us"]["max"].as_u64().unwrap();
+    if latest_us >= 4_000 {
+        eprintln!("DISTURBED: the host was woken {latest_us} us late");
+    }
+    latest_us >= 4_000
+}
+
 /// A number from the environment.
 fn setting(name: &str, default: f64) -> f64 {
     std::env::var(name).ok().map_or(default, |text| text.parse().unwrap_or_else(|e| panic!("{name}={text}: {e}")))
