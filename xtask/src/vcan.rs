@@ -14,10 +14,6 @@ use crate::python;
 /// Every test has an interface of its own.
 const INTERFACES: usize = 11;
 
-/// Runs of the test program until one passes, and the pause between them in seconds.
-const ATTEMPTS: u32 = 5;
-const PAUSE_S: u64 = 20;
-
 /// `cargo xtask vcan-test [--native | --guest uml|qemu] [--kills N] [--exchange S] [TEST...]`
 pub(crate) fn vcan_test(arguments: &[String]) -> Result<()> {
     let options = Options::parse(arguments)?;
@@ -60,14 +56,6 @@ pub(crate) fn vcan_test(arguments: &[String]) -> Result<()> {
     }
     if let Some(seconds) = &options.exchange_s {
         command.env("VCAN_EXCHANGE_S", seconds);
-    }
-    // Sessions stop when processes are not woken in time, as they should, and other people's load passes.
-    for attempt in 2..=ATTEMPTS {
-        match run(&mut command) {
-            Ok(()) => return Ok(()),
-            Err(error) => eprintln!("{error}\nattempt {attempt} of {ATTEMPTS} follows in {PAUSE_S} s"),
-        }
-        std::thread::sleep(std::time::Duration::from_secs(PAUSE_S));
     }
     run(&mut command)
 }
