@@ -5,8 +5,8 @@ use std::process::Stdio;
 use std::time::{Duration, Instant};
 
 use can_driver::{
-    Controller, ControllerOutput, ControllerParams, ControllerState, Event, Filter, JointLimits, JointState, Protocol,
-    SocketCan, StopCause, drain, transmit,
+    Bus as _, Controller, ControllerOutput, ControllerParams, ControllerState, Event, Filter, JointLimits, JointState,
+    Protocol, SocketCan, StopCause,
 };
 
 use crate::{Process, interface, peer, setting};
@@ -28,9 +28,9 @@ impl Arm {
     fn tick(&mut self) {
         self.bus.wait(TICK).unwrap();
         let now = self.start.elapsed();
-        drain(&mut self.bus, now, &mut self.rx).unwrap();
+        self.bus.drain(now, &mut self.rx).unwrap();
         let out = self.controller.tick(now, &self.rx, &self.joints);
-        let _ = transmit(&mut self.bus, now, &out.tx).unwrap();
+        let _ = self.bus.transmit(now, &out.tx).unwrap();
         for (joint, s) in self.joints.iter_mut().zip(&out.setpoints) {
             *joint = JointState { position_rad: s.position_rad, velocity_rad_s: s.velocity_rad_s };
         }

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 
 use can_driver::{
     Bus as _, Command, Controller, ControllerParams, Event, Filter, Frame, HostParams, HostSession, HostState, Id,
-    JointLimits, JointState, Protocol, SendOutcome, SocketCan, StopCause, drain, transmit,
+    JointLimits, JointState, Protocol, SendOutcome, SocketCan, StopCause,
 };
 use nix::sys::resource::{UsageWho, getrusage};
 use nix::sys::time::TimeValLike as _;
@@ -113,6 +113,7 @@ fn host(
     let mut active: Option<Duration> = None;
     let mut before_active: Option<Vec<f64>> = None;
     let mut may_reset = reset;
+    let mut switches = usage()?.1;
     let start = Instant::now();
     let mut due = cycle;
     let last_out = loop {
@@ -126,8 +127,7 @@ fn host(
         let skipped = late.as_nanos() / cycle.as_nanos();
         due += cycle * (u32::try_from(skipped).unwrap_or(u32::MAX - 1) + 1);
 
-        let (_, switches) = usage()?;
-        drain(&mut bus, now, &mut rx)?;
+        bus.drain(now, &mut rx)?;
         if let Some(since) = active {
             let t = now.saturating_sub(since).as_secs_f64();
             for (w, from) in wanted.iter_mut().zip(before_active.iter().flatten()) {
@@ -136,7 +136,7 @@ fn host(
             }
         }
         let out = session.tick(now, &rx, Command::Follow { position_rad: &wanted, speed_scale: 1.0 });
-        session.sent(transmit(&mut bus, now, &out.tx)?);
+        session.sent(bus.transmit(now, &out.tx)?);
         match out.state {
             HostState::Active if active.is_none() => {
                 active = Some(now);
@@ -158,7 +158,8 @@ fn host(
             histogram.add(late);
             late_wakes += u64::from(late >= cycle);
             let work = start.elapsed().saturating_sub(now);
-            let undisturbed = usage()?.1 == switches;
+            let before = std::mem::replace(&mut switches, usage()?.1);
+            let undisturbed = switches == before;
             slow_cycles += u64::from(work >= cycle && undisturbed);
             held_up += u64::from(work >= cycle && !undisturbed);
             if undisturbed {
@@ -176,9 +177,9 @@ fn host(
     while active.is_some() && start.elapsed() < end {
         std::thread::sleep(cycle);
         let now = start.elapsed();
-        drain(&mut bus, now, &mut rx)?;
+        bus.drain(now, &mut rx)?;
         let out = session.tick(now, &rx, Command::Standby);
-        let _ = transmit(&mut bus, now, &out.tx)?;
+        let _ = bus.transmit(now, &out.tx)?;
         if matches!(out.state, HostState::Ready | HostState::Stopped) {
             break;
         }
@@ -213,13 +214,14 @@ fn controller(interface: &str, seconds: f64) -> Result<(), Box<dyn Error>> {
     let mut rx: Vec<Event> = Vec::with_capacity(256);
     let start = Instant::now();
     let mut due = tick;
-    while start.elapsed().as_secs_f64() < seconds {
+    let mut now = Duration::ZERO;
+    while now.as_secs_f64() < seconds {
         std::thread::sleep(due.saturating_sub(start.elapsed()));
-        let now = start.elapsed();
+        now = start.elapsed();
         due = now + tick;
-        drain(&mut bus, now, &mut rx)?;
+        bus.drain(now, &mut rx)?;
         let out = controller.tick(now, &rx, &joints);
-        let _ = transmit(&mut bus, now, &out.tx)?;
+        let _ = bus.transmit(now, &out.tx)?;
         for (joint, s) in joints.iter_mut().zip(&out.setpoints) {
             *joint = JointState { position_rad: s.position_rad, velocity_rad_s: s.velocity_rad_s };
         }

@@ -3,7 +3,7 @@
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use can_driver::{Bus as _, BusFault, Error, Event, FdFrame, Filter, Id, SendOutcome, SocketCan, SocketEvent};
+use can_driver::{Bus as _, BusFault, Error, Event, FdFrame, Filter, Frame, Id, SendOutcome, SocketCan, SocketEvent};
 
 use crate::{frame, interface, pause, prepared};
 
@@ -33,6 +33,52 @@ fn frames_cross_intact_in_order_and_stamped() {
     }
     assert_eq!(a.receive(start.elapsed()).unwrap(), None, "nobody hears himself");
     assert_eq!(b.counts().implausible_stamps, 0);
+}
+
+#[test]
+fn many_frames_go_through_one_call_and_none_is_lost_where_the_room_ends() {
+    let Some(name) = interface(0) else { return };
+    let (mut a, mut b) = (open(&name, Filter::All), open(&name, Filter::All));
+    let frames: Vec<Frame> = (0..70).map(|k: u16| frame(k, &k.to_be_bytes()[..usize::from(k % 3)])).collect();
+    assert_eq!(a.transmit(Duration::ZERO, &frames).unwrap(), SendOutcome::Sent);
+    assert_eq!(a.transmit(Duration::ZERO, &[]).unwrap(), SendOutcome::Sent);
+    pause(Duration::from_millis(20));
+    let mut got = Vec::new();
+    let mut events = Vec::with_capacity(25);
+    for expected in [25, 25, 20, 0] {
+        b.drain(Duration::from_secs(1), &mut events).unwrap();
+        assert_eq!((events.len(), events.capacity()), (expected, 25));
+        got.extend(events.iter().map(|event| match event {
+            Event::Frame(stamped) => stamped.frame,
+            Event::Fault(fault) => panic!("{fault:?}"),
+        }));
+    }
+    assert_eq!(got, frames);
+    assert_eq!(b.counts().implausible_stamps, 0);
+}
+
+#[test]
+fn conditions_of_one_error_frame_that_find_no_room_come_next_time() {
+    let Some(name) = interface(0) else { return };
+    let mut b = open(&name, Filter::All);
+    let mut a = open(&name, Filter::All);
+    // Bus-off, restarted and error-passive in one frame; a data frame after it.
+    let cansend = prepared("VCAN_TOOLS").join("cansend");
+    assert!(Command::new(cansend).args([name.as_str(), "20000144#0030000000000000"]).status().unwrap().success());
+    let _ = a.send(Duration::ZERO, &frame(0x77, &[7])).unwrap();
+    pause(Duration::from_millis(5));
+    let mut events = Vec::with_capacity(2);
+    let mut got = Vec::new();
+    for _ in 0..4 {
+        b.drain(Duration::from_secs(1), &mut events).unwrap();
+        assert!(events.len() <= 2);
+        got.extend(events.iter().copied());
+    }
+    assert!(matches!(got.pop(), Some(Event::Frame(stamped)) if stamped.frame == frame(0x77, &[7])));
+    assert_eq!(got.len(), 3);
+    for fault in [BusFault::Off, BusFault::Restarted, BusFault::Passive] {
+        assert!(got.contains(&Event::Fault(fault)), "{fault:?} is not in {got:?}");
+    }
 }
 
 #[test]

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use can_driver::{
     Angle, Bus as _, Command, Controller, ControllerParams, Counted, Event, Frame, HostParams, HostSession, HostState,
-    JointLimits, JointState, LocalBus, Message, Protocol, drain, transmit,
+    JointLimits, JointState, LocalBus, Message, Protocol,
 };
 
 const LIMITS: JointLimits = JointLimits { min_rad: -2.0, max_rad: 2.0, velocity_rad_s: 1.0, acceleration_rad_s2: 4.0 };
@@ -65,11 +65,11 @@ fn main() {
     for k in 1_u32.. {
         let now = Duration::from_millis(1) * k;
         if k % 5 == 0 {
-            drain(&mut host_end, now, &mut rx).expect("the bus inside the process does not fail");
+            host_end.drain(now, &mut rx).expect("the bus inside the process does not fail");
             let begin = Instant::now();
             let out = host.tick(now, &rx, Command::Follow { position_rad: &wanted, speed_scale: 1.0 });
             let took = begin.elapsed();
-            let _ = transmit(&mut host_end, now, &out.tx).expect("the bus inside the process does not fail");
+            let _ = host_end.transmit(now, &out.tx).expect("the bus inside the process does not fail");
             if out.state == HostState::Active {
                 host_ns.push(took.as_secs_f64() * 1e9);
                 active += 1;
@@ -80,7 +80,7 @@ fn main() {
                 wanted = [q; 6];
             }
         }
-        drain(&mut controller_end, now, &mut rx).expect("the bus inside the process does not fail");
+        controller_end.drain(now, &mut rx).expect("the bus inside the process does not fail");
         let begin = Instant::now();
         let out = controller.tick(now, &rx, &joints);
         let took = begin.elapsed();

@@ -80,6 +80,35 @@ pub trait Bus {
     /// # Errors
     /// The bus is down or gone.
     fn receive(&mut self, now: Duration) -> Result<Option<Event>, Error>;
+
+    /// Takes everything that has arrived, at most until `events` has reached its capacity, so that a
+    /// flooded bus cannot hold up a cycle and the buffer never grows. `events` is cleared first.
+    ///
+    /// # Errors
+    /// Those of [`Bus::receive`].
+    fn drain(&mut self, now: Duration, events: &mut Vec<Event>) -> Result<(), Error> {
+        events.clear();
+        while events.len() < events.capacity() {
+            match self.receive(now)? {
+                Some(event) => events.push(event),
+                None => break,
+            }
+        }
+        Ok(())
+    }
+
+    /// Sends the frames of one tick in order and stops at the first that the bus does not take.
+    ///
+    /// # Errors
+    /// Those of [`Bus::send`].
+    fn transmit(&mut self, now: Duration, frames: &[Frame]) -> Result<SendOutcome, Error> {
+        for frame in frames {
+            if self.send(now, frame)? == SendOutcome::Full {
+                return Ok(SendOutcome::Full);
+            }
+        }
+        Ok(SendOutcome::Sent)
+    }
 }
 
 impl<B: Bus + ?Sized> Bus for &mut B {
@@ -89,6 +118,14 @@ impl<B: Bus + ?Sized> Bus for &mut B {
 
     fn receive(&mut self, now: Duration) -> Result<Option<Event>, Error> {
         (**self).receive(now)
+    }
+
+    fn drain(&mut self, now: Duration, events: &mut Vec<Event>) -> Result<(), Error> {
+        (**self).drain(now, events)
+    }
+
+    fn transmit(&mut self, now: Duration, frames: &[Frame]) -> Result<SendOutcome, Error> {
+        (**self).transmit(now, frames)
     }
 }
 
@@ -100,33 +137,12 @@ impl<B: Bus + ?Sized> Bus for Box<B> {
     fn receive(&mut self, now: Duration) -> Result<Option<Event>, Error> {
         (**self).receive(now)
     }
-}
 
-/// Takes everything that has arrived, at most until `events` has reached its capacity, so that a
-/// flooded bus cannot hold up a cycle and the buffer never grows. `events` is cleared first.
-///
-/// # Errors
-/// Those of [`Bus::receive`].
-pub fn drain(bus: &mut impl Bus, now: Duration, events: &mut Vec<Event>) -> Result<(), Error> {
-    events.clear();
-    while events.len() < events.capacity() {
-        match bus.receive(now)? {
-            Some(event) => events.push(event),
-            None => break,
-        }
+    fn drain(&mut self, now: Duration, events: &mut Vec<Event>) -> Result<(), Error> {
+        (**self).drain(now, events)
     }
-    Ok(())
-}
 
-/// Sends the frames of one tick in order and stops at the first that the bus does not take.
-///
-/// # Errors
-/// Those of [`Bus::send`].
-pub fn transmit(bus: &mut impl Bus, now: Duration, frames: &[Frame]) -> Result<SendOutcome, Error> {
-    for frame in frames {
-        if bus.send(now, frame)? == SendOutcome::Full {
-            return Ok(SendOutcome::Full);
-        }
+    fn transmit(&mut self, now: Duration, frames: &[Frame]) -> Result<SendOutcome, Error> {
+        (**self).transmit(now, frames)
     }
-    Ok(SendOutcome::Sent)
 }

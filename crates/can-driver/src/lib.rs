@@ -15,7 +15,7 @@ mod receiver;
 #[cfg(target_os = "linux")]
 mod socket;
 
-pub use bus::{Bus, BusFault, Event, SendOutcome, drain, transmit};
+pub use bus::{Bus, BusFault, Event, SendOutcome};
 pub use candump::{CandumpLine, write_candump};
 pub use controller::{
     ActedSet, Controller, ControllerOutput, ControllerParams, Drive, JointState, SetCounts, Setpoint,

@@ -63,9 +63,9 @@ impl Cell {
     }
 
     fn host_tick(&mut self, command: Command<'_>) {
-        can_driver::drain(&mut self.host_node, self.now, &mut self.rx).unwrap();
+        self.host_node.drain(self.now, &mut self.rx).unwrap();
         let out = self.host.tick(self.now, &self.rx, command);
-        let outcome = can_driver::transmit(&mut self.host_node, self.now, &out.tx).unwrap();
+        let outcome = self.host_node.transmit(self.now, &out.tx).unwrap();
         self.host.sent(outcome);
         if let Some(commit) = out.tx.iter().find(|f| f.id().raw() == 0x103) {
             self.sent_at[usize::from(commit.data()[5])] = Some(self.now);
@@ -76,9 +76,9 @@ impl Cell {
     /// One millisecond of the controller with every check.
     fn controller_tick(&mut self) {
         self.now += TICK;
-        can_driver::drain(&mut self.controller_node, self.now, &mut self.rx).unwrap();
+        self.controller_node.drain(self.now, &mut self.rx).unwrap();
         let out = self.controller.tick(self.now, &self.rx, &self.joints);
-        let _ = can_driver::transmit(&mut self.controller_node, self.now, &out.tx).unwrap();
+        let _ = self.controller_node.transmit(self.now, &out.tx).unwrap();
         if let Some(acted) = out.acted {
             let age = self.sent_at[usize::from(acted.counter)].map(|sent| self.now.saturating_sub(sent)).unwrap();
             // One tick of 1 ms passes between arrival and use.

@@ -240,9 +240,9 @@ fn exchange(rate_hz: u32, stuffing: Stuffing) -> f64 {
     while now < end {
         now += tick;
         if now.as_nanos().is_multiple_of(cycle.as_nanos()) {
-            can_driver::drain(&mut host_node, now, &mut rx).unwrap();
+            host_node.drain(now, &mut rx).unwrap();
             let out = host.tick(now, &rx, Command::Follow { position_rad: &wanted, speed_scale: 1.0 });
-            let outcome = can_driver::transmit(&mut host_node, now, &out.tx).unwrap();
+            let outcome = host_node.transmit(now, &out.tx).unwrap();
             host.sent(outcome);
             full += u32::from(outcome == SendOutcome::Full);
             if out.state == HostState::Active {
@@ -258,9 +258,9 @@ fn exchange(rate_hz: u32, stuffing: Stuffing) -> f64 {
                 }
             }
         }
-        can_driver::drain(&mut controller_node, now, &mut rx).unwrap();
+        controller_node.drain(now, &mut rx).unwrap();
         let out = controller.tick(now, &rx, &joints);
-        assert_eq!(can_driver::transmit(&mut controller_node, now, &out.tx).unwrap(), SendOutcome::Sent);
+        assert_eq!(controller_node.transmit(now, &out.tx).unwrap(), SendOutcome::Sent);
         for (joint, s) in joints.iter_mut().zip(&out.setpoints) {
             *joint = JointState { position_rad: s.position_rad, velocity_rad_s: s.velocity_rad_s };
         }

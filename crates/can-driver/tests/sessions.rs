@@ -11,7 +11,7 @@ use can_driver::{
     Angle, BusFault, Command, Config, ControllerState, Counted, Drive, Event, HostParams, HostState, JointLimits,
     JointState, Message, Mode, Protocol, SetCounts, StopCause,
 };
-use common::{LIMITS, Rig};
+use common::{LIMITS, Rig, forge};
 
 const MS: Duration = Duration::from_millis(1);
 
@@ -285,17 +285,6 @@ fn after_five_lost_sets_the_third_in_a_row_is_the_first_to_act() {
     assert_eq!(acted[..11], [true, true, false, false, false, false, false, false, false, true, true]);
     assert_eq!(rig.controller.counts().out_of_sequence - before.out_of_sequence, 2);
     assert_eq!(rig.controller_state(), ControllerState::Active);
-}
-
-/// Changes messages on their way, with a right checksum.
-fn forge(rx: &mut [Event], change: impl Fn(&mut Message)) {
-    let protocol = Protocol::new(0).unwrap();
-    for event in rx {
-        let Event::Frame(stamped) = event else { continue };
-        let Ok(Some(mut counted)) = protocol.decode(&stamped.frame) else { continue };
-        change(&mut counted.message);
-        stamped.frame = protocol.encode(&counted);
-    }
 }
 
 /// Sends one forged set to an active arm and gives what the controller counted, the way it was moved, and what it said.

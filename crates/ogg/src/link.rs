@@ -4,7 +4,7 @@
 
 use std::time::Duration;
 
-use can_driver::{Bus, Command, Event, HostOutput, HostParams, HostSession, HostState, drain, transmit};
+use can_driver::{Bus, Command, Event, HostOutput, HostParams, HostSession, HostState};
 use follow::{ControlLoop, ControlParams, JointPlan, Phase, StopCause, TickInput, Verdict};
 use motion::State;
 
@@ -90,7 +90,7 @@ impl<B: Bus> Link<B> {
     pub fn tick(&mut self, now: Duration, plan: Option<&JointPlan>, wish: Wish) -> Result<Tick, Error> {
         let dt = self.last.map_or(self.period, |last| now.saturating_sub(last)).max(Duration::from_micros(1));
         self.last = Some(now);
-        drain(&mut self.bus, now, &mut self.events)?;
+        self.bus.drain(now, &mut self.events)?;
 
         let active = self.output.as_ref().is_some_and(|out| out.state == HostState::Active);
         let measured = self.measured(now);
@@ -126,7 +126,7 @@ impl<B: Bus> Link<B> {
             _ => Command::Follow { position_rad: &positions, speed_scale: 1.0 },
         };
         let output = self.session.tick(now, &self.events, command);
-        let sent = transmit(&mut self.bus, now, &output.tx)?;
+        let sent = self.bus.transmit(now, &output.tx)?;
         self.session.sent(sent);
         let tick = Tick {
             phase: self.control.phase(),

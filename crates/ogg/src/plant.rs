@@ -3,7 +3,7 @@
 use std::fmt;
 use std::time::Duration;
 
-use can_driver::{Bus, Controller, Event, SendOutcome, Stamped, drain};
+use can_driver::{Bus, Controller, Event, SendOutcome, Stamped};
 use sim::{Arm, ArmParams, ControllerNode};
 
 use crate::cell::Cell;
@@ -53,7 +53,7 @@ impl<B: Bus> Plant<B> {
     /// # Errors
     /// [`Error::Bus`] when the bus is gone.
     pub fn advance_to(&mut self, now: Duration) -> Result<(), Error> {
-        drain(&mut self.bus, now, &mut self.events)?;
+        self.bus.drain(now, &mut self.events)?;
         self.frames.clear();
         self.node.advance_to(now, &self.events, &mut self.frames)?;
         for stamped in &self.frames {

@@ -7,13 +7,24 @@ use std::time::Duration;
 
 use can_driver::{
     Command, Controller, ControllerOutput, ControllerParams, ControllerState, Event, HostOutput, HostParams,
-    HostSession, HostState, JointLimits, JointState,
+    HostSession, HostState, JointLimits, JointState, Message, Protocol,
 };
 
 pub const CYCLE: Duration = Duration::from_millis(5);
 pub const TICK: Duration = Duration::from_millis(1);
 pub const LIMITS: JointLimits =
     JointLimits { min_rad: -2.0, max_rad: 2.0, velocity_rad_s: 1.0, acceleration_rad_s2: 4.0 };
+
+/// Changes messages on their way, with a right checksum.
+pub fn forge(rx: &mut [Event], change: impl Fn(&mut Message)) {
+    let protocol = Protocol::new(0).unwrap();
+    for event in rx {
+        let Event::Frame(stamped) = event else { continue };
+        let Ok(Some(mut counted)) = protocol.decode(&stamped.frame) else { continue };
+        change(&mut counted.message);
+        stamped.frame = protocol.encode(&counted);
+    }
+}
 
 pub struct Rig {
     pub now: Duration,
@@ -51,6 +62,16 @@ impl Rig {
     /// One millisecond: the host every fifth, the controller every one. `wire` may change or
     /// take away what is on its way to the controller.
     pub fn step(&mut self, command: Command<'_>, wire: &mut dyn FnMut(&mut Vec<Event>)) {
+        self.step_over(command, wire, &mut |_| {});
+    }
+
+    /// The same; `back` may change or take away what the controller sends.
+    pub fn step_over(
+        &mut self,
+        command: Command<'_>,
+        wire: &mut dyn FnMut(&mut Vec<Event>),
+        back: &mut dyn FnMut(&mut Vec<Event>),
+    ) {
         self.now += TICK;
         if self.host_alive && self.now.as_millis().is_multiple_of(CYCLE.as_millis()) {
             let rx = std::mem::take(&mut self.to_host);
@@ -62,7 +83,9 @@ impl Rig {
             let mut rx = std::mem::take(&mut self.to_controller);
             wire(&mut rx);
             let out = self.controller.tick(self.now, &rx, &self.joints);
-            self.to_host.extend(out.tx.iter().map(|f| Event::frame(self.now, *f)));
+            let mut sent: Vec<Event> = out.tx.iter().map(|f| Event::frame(self.now, *f)).collect();
+            back(&mut sent);
+            self.to_host.extend(sent);
             for (joint, setpoint) in self.joints.iter_mut().zip(&out.setpoints) {
                 *joint = JointState { position_rad: setpoint.position_rad, velocity_rad_s: setpoint.velocity_rad_s };
             }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use can_driver::{Bus as _, Controller, ControllerState, Event, Filter, Protocol, SendOutcome, SocketCan, drain};
+use can_driver::{Bus as _, Controller, ControllerState, Event, Filter, Frame, Protocol, SendOutcome, SocketCan};
 use sim::{Arm, ArmParams, ControllerNode};
 
 use super::{ControllerArgs, Until};
@@ -36,6 +36,7 @@ pub fn controller(args: &ControllerArgs) -> Result<(), Error> {
 
     let mut rx: Vec<Event> = Vec::with_capacity(EVENTS);
     let mut tx = Vec::new();
+    let mut frames: Vec<Frame> = Vec::new();
     let mut state = ControllerState::Unconfigured;
     let mut due = TICK;
     let mut unsent = 0_u64;
@@ -43,14 +44,12 @@ pub fn controller(args: &ControllerArgs) -> Result<(), Error> {
         std::thread::sleep(due.saturating_sub(until.now()));
         let now = until.now();
         due = now + TICK;
-        drain(&mut bus, now, &mut rx)?;
+        bus.drain(now, &mut rx)?;
         tx.clear();
         node.advance_to(now, &rx, &mut tx)?;
-        for stamped in &tx {
-            if bus.send(now, &stamped.frame)? == SendOutcome::Full {
-                unsent += 1;
-            }
-        }
+        frames.clear();
+        frames.extend(tx.iter().map(|stamped| stamped.frame));
+        unsent += u64::from(bus.transmit(now, &frames)? == SendOutcome::Full);
         if let Some(output) = node.last_output().filter(|output| output.state != state) {
             state = output.state;
             if let Some(cause) = output.cause {
@@ -63,7 +62,7 @@ pub fn controller(args: &ControllerArgs) -> Result<(), Error> {
     let c = node.controller().counts();
     say(format_args!(
         "sets: {} accepted, {} lost, {} stale, {} out of sequence, {} incomplete, {} too far; {} damaged frames; {unsent} \
-         frames not taken by the bus; ended {state:?}",
+         ticks cut short by a full bus; ended {state:?}",
         c.accepted, c.lost, c.stale, c.out_of_sequence, c.incomplete, c.step_too_large, c.corrupt_frames
     ));
     Ok(())

@@ -4,24 +4,27 @@
 //! only the wanted identifiers pass the kernel's filter. The transmit buffer is small, so that a
 //! blocked bus is noticed within a cycle or two: a full one (`ENOBUFS`, `EAGAIN`) is
 //! [`SendOutcome::Full`], and nothing is ever sent again. Set the interface's own queue to one
-//! cycle as well: `ip link set can0 txqueuelen 4`.
+//! cycle as well: `ip link set can0 txqueuelen 4`. The frames of a cycle go through one system call
+//! each way.
+
+mod batch;
+mod faults;
+mod fd;
 
 use std::io;
 use std::time::{Duration, SystemTime};
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use socketcan::id::{CAN_EFF_FLAG, CAN_RTR_FLAG, CAN_SFF_MASK};
-use socketcan::{
-    CanAnyFrame, CanDataFrame, CanError, CanFdFrame, CanFdSocket, CanFilter, EmbeddedFrame, ErrorCause, Socket,
-    SocketOptions, StandardId,
-};
+use socketcan::{CanAnyFrame, CanFdFrame, CanFdSocket, CanFilter, EmbeddedFrame, Socket, SocketOptions, StandardId};
 
+use self::batch::{BATCH, Received};
+use self::faults::{PENDING_FAULTS, faults_of};
+pub use self::fd::FdFrame;
 use crate::{Bus, BusFault, Error, Event, Frame, Id, SendOutcome, Stamped};
 
 /// A kernel stamp further away than this is not believed: the wall clock was set in between.
 const PLAUSIBLE_AGE: Duration = Duration::from_secs(1);
-/// Faults decoded from one error frame at most.
-const PENDING_FAULTS: usize = 8;
 
 /// Which identifiers a socket receives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,52 +33,6 @@ pub enum Filter<'a> {
     All,
     /// These.
     Only(&'a [Id]),
-}
-
-/// A CAN FD data frame with an 11-bit identifier.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct FdFrame {
-    id: Id,
-    len: u8,
-    bytes: [u8; 64],
-    bit_rate_switch: bool,
-}
-
-impl FdFrame {
-    /// Takes 0 to 8, 12, 16, 20, 24, 32, 48 or 64 bytes: the lengths that the format has.
-    ///
-    /// # Errors
-    /// [`Error::FrameTooLong`] above 64 bytes, [`Error::InvalidParameter`] for the lengths between.
-    pub fn new(id: Id, data: &[u8], bit_rate_switch: bool) -> Result<Self, Error> {
-        let mut bytes = [0; 64];
-        bytes
-            .get_mut(..data.len())
-            .ok_or(Error::FrameTooLong { bytes: data.len(), limit_bytes: 64 })?
-            .copy_from_slice(data);
-        if !CanFdFrame::is_valid_data_len(data.len()) {
-            return Err(Error::InvalidParameter {
-                field: "fd payload".to_owned(),
-                allowed: "0 to 8, 12, 16, 20, 24, 32, 48 or 64 bytes",
-                value: data.len() as f64,
-            });
-        }
-        Ok(Self { id, len: data.len() as u8, bytes, bit_rate_switch })
-    }
-
-    /// The identifier.
-    pub const fn id(&self) -> Id {
-        self.id
-    }
-
-    /// The payload.
-    pub fn data(&self) -> &[u8] {
-        &self.bytes[..usize::from(self.len)]
-    }
-
-    /// Whether the payload travels at the higher bit rate.
-    pub const fn bit_rate_switch(&self) -> bool {
-        self.bit_rate_switch
-    }
 }
 
 /// What a socket receives beside classic frames.
@@ -111,7 +68,15 @@ pub struct SocketCan {
     socket: CanFdSocket,
     interface: String,
     faults: [Option<BusFault>; PENDING_FAULTS],
+    clocks: Option<Clocks>,
     counts: SocketCounts,
+}
+
+/// The caller's clock and the kernel's at one moment.
+#[derive(Clone, Copy, Debug)]
+struct Clocks {
+    now: Duration,
+    wall: SystemTime,
 }
 
 impl SocketCan {
@@ -137,6 +102,7 @@ impl SocketCan {
             socket,
             interface: interface.to_owned(),
             faults: [None; PENDING_FAULTS],
+            clocks: None,
             counts: SocketCounts::default(),
         })
     }
@@ -173,9 +139,9 @@ impl SocketCan {
     /// # Errors
     /// Those of [`Bus::send`].
     pub fn send_fd(&mut self, frame: &FdFrame) -> Result<SendOutcome, Error> {
-        let id = StandardId::new(frame.id.raw()).expect("an Id has 11 bits");
+        let id = StandardId::new(frame.id().raw()).expect("an Id has 11 bits");
         let mut out = CanFdFrame::new(id, frame.data()).expect("an FdFrame has a length of the format");
-        out.set_brs(frame.bit_rate_switch);
+        out.set_brs(frame.bit_rate_switch());
         let result = self.socket.write_frame(&CanAnyFrame::Fd(out));
         self.sent(result)
     }
@@ -189,39 +155,64 @@ impl SocketCan {
             if let Some(fault) = self.faults.iter_mut().find_map(Option::take) {
                 return Ok(Some(SocketEvent::Classic(Event::Fault(fault))));
             }
-            let (frame, stamps) = match self.socket.read_frame_with_timestamps() {
-                Ok(read) => read,
-                Err(e) if e.kind() == io::ErrorKind::WouldBlock => return Ok(None),
-                Err(e) if e.kind() == io::ErrorKind::Interrupted => continue,
-                Err(e) => return Err(self.failed("receive", e)),
-            };
-            let at = self.arrival(now, stamps.socket);
-            match frame {
-                CanAnyFrame::Normal(frame) => match standard(&frame) {
-                    Some(id) => {
-                        let frame = Frame::new(id, frame.data())?;
-                        return Ok(Some(SocketEvent::Classic(Event::Frame(Stamped { at, frame }))));
-                    }
-                    None => self.counts.unsupported += 1,
-                },
-                CanAnyFrame::Fd(frame) => match standard(&frame) {
-                    Some(id) => {
-                        let frame = FdFrame::new(id, frame.data(), frame.is_brs())?;
-                        return Ok(Some(SocketEvent::Fd { at, frame }));
-                    }
-                    None => self.counts.unsupported += 1,
-                },
-                CanAnyFrame::Remote(_) => self.counts.unsupported += 1,
-                CanAnyFrame::Error(frame) => self.faults = faults_of(&frame.into_error()),
+            let Some(received) = self.received(1)? else { return Ok(None) };
+            for (frame, stamp) in received.into_frames() {
+                if let Some(event) = self.understood(now, &frame, stamp) {
+                    return Ok(Some(event));
+                }
             }
         }
     }
 
+    /// At most `limit` frames; `None` when there is none at this moment.
+    fn received(&self, limit: usize) -> Result<Option<Received>, Error> {
+        loop {
+            match batch::receive(&self.socket, limit) {
+                Ok(received) => return Ok(Some(received)),
+                Err(e) if e.kind() == io::ErrorKind::WouldBlock => return Ok(None),
+                Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
+                Err(e) => return Err(self.failed("receive", e)),
+            }
+        }
+    }
+
+    /// What a frame means here; the faults of an error frame are put by.
+    fn understood(&mut self, now: Duration, frame: &CanAnyFrame, stamp: Option<SystemTime>) -> Option<SocketEvent> {
+        let at = self.arrival(now, stamp);
+        let event = match frame {
+            CanAnyFrame::Normal(frame) => standard(frame)
+                .and_then(|id| Frame::new(id, frame.data()).ok())
+                .map(|frame| SocketEvent::Classic(Event::Frame(Stamped { at, frame }))),
+            CanAnyFrame::Fd(frame) => standard(frame)
+                .and_then(|id| FdFrame::new(id, frame.data(), frame.is_brs()).ok())
+                .map(|frame| SocketEvent::Fd { at, frame }),
+            CanAnyFrame::Remote(_) => None,
+            CanAnyFrame::Error(frame) => {
+                self.faults = faults_of(&frame.into_error());
+                return None;
+            }
+        };
+        self.counts.unsupported += u64::from(event.is_none());
+        event
+    }
+
     /// When a frame arrived on the caller's clock. The kernel stamps with the wall clock; the
-    /// difference to the wall clock's present reading is the frame's age.
+    /// difference to the wall clock's present reading is the frame's age. The wall clock is read once for one
+    /// `now`, and again for a frame that came after that.
     fn arrival(&mut self, now: Duration, stamp: Option<SystemTime>) -> Duration {
-        #[expect(clippy::disallowed_methods, reason = "the age of a kernel stamp is known only on the kernel's clock")]
-        let age = stamp.and_then(|stamp| SystemTime::now().duration_since(stamp).ok());
+        let known = self.clocks.filter(|clocks| clocks.now == now);
+        let age = stamp.and_then(|stamp| {
+            let read = known.and_then(|clocks| clocks.wall.duration_since(stamp).ok());
+            read.or_else(|| {
+                #[expect(
+                    clippy::disallowed_methods,
+                    reason = "the age of a kernel stamp is known only on the kernel's clock"
+                )]
+                let wall = SystemTime::now();
+                self.clocks = Some(Clocks { now, wall });
+                wall.duration_since(stamp).ok()
+            })
+        });
         if let Some(age) = age.filter(|age| *age <= PLAUSIBLE_AGE) {
             now.saturating_sub(age)
         } else {
@@ -258,11 +249,8 @@ fn standard<F: EmbeddedFrame>(frame: &F) -> Option<Id> {
 }
 
 impl Bus for SocketCan {
-    fn send(&mut self, _now: Duration, frame: &Frame) -> Result<SendOutcome, Error> {
-        let id = StandardId::new(frame.id().raw()).expect("an Id has 11 bits");
-        let out = CanDataFrame::new(id, frame.data()).expect("a Frame has at most 8 bytes");
-        let result = self.socket.write_frame(&CanAnyFrame::Normal(out));
-        self.sent(result)
+    fn send(&mut self, now: Duration, frame: &Frame) -> Result<SendOutcome, Error> {
+        self.transmit(now, std::slice::from_ref(frame))
     }
 
     fn receive(&mut self, now: Duration) -> Result<Option<Event>, Error> {
@@ -274,38 +262,43 @@ impl Bus for SocketCan {
             }
         }
     }
-}
 
-/// The conditions that one error frame names.
-fn faults_of(error: &CanError) -> [Option<BusFault>; PENDING_FAULTS] {
-    let mut out = [None; PENDING_FAULTS];
-    let mut free = out.iter_mut();
-    for cause in error {
-        let fault = match cause {
-            ErrorCause::TransmitTimeout => BusFault::TransmitTimeout,
-            ErrorCause::LostArbitration(_) => BusFault::ArbitrationLost,
-            ErrorCause::Controller(problems) => {
-                use socketcan::errors::ControllerProblems as P;
-                if problems.intersects(P::RX_PASSIVE | P::TX_PASSIVE) {
-                    BusFault::Passive
-                } else if problems.intersects(P::RX_OVERFLOW | P::TX_OVERFLOW) {
-                    BusFault::Overflow
-                } else if problems.intersects(P::RX_WARNING | P::TX_WARNING) {
-                    BusFault::Warning
-                } else {
-                    continue; // back to error-active
+    fn drain(&mut self, now: Duration, events: &mut Vec<Event>) -> Result<(), Error> {
+        events.clear();
+        while events.len() < events.capacity() {
+            if let Some(fault) = self.faults.iter_mut().find_map(Option::take) {
+                events.push(Event::Fault(fault));
+                continue;
+            }
+            // A frame may name several conditions; those of the last one that find no room wait.
+            let limit = ((events.capacity() - events.len()) / PENDING_FAULTS).clamp(1, BATCH);
+            let Some(received) = self.received(limit)? else { break };
+            let last = received.count < limit;
+            for (frame, stamp) in received.into_frames() {
+                events.extend(self.faults.iter_mut().filter_map(Option::take).map(Event::Fault));
+                match self.understood(now, &frame, stamp) {
+                    Some(SocketEvent::Classic(event)) => events.push(event),
+                    Some(SocketEvent::Fd { .. }) => self.counts.fd_ignored += 1,
+                    None => {}
                 }
             }
-            ErrorCause::Transceiver { .. } => BusFault::Transceiver,
-            ErrorCause::NoAck => BusFault::NoAcknowledge,
-            ErrorCause::BusOff => BusFault::Off,
-            ErrorCause::Restarted => BusFault::Restarted,
-            ErrorCause::Counters { .. } => continue,
-            _ => BusFault::Protocol,
-        };
-        if let Some(place) = free.next() {
-            *place = Some(fault);
+            if last && self.faults.iter().all(Option::is_none) {
+                break;
+            }
         }
+        Ok(())
     }
-    out
+
+    fn transmit(&mut self, _now: Duration, frames: &[Frame]) -> Result<SendOutcome, Error> {
+        for batch in frames.chunks(BATCH) {
+            let taken = batch::send(&self.socket, batch);
+            // What is refused in the middle found no room; an interface that went down there says so at the next call.
+            let whole =
+                taken.and_then(|n| if n == batch.len() { Ok(()) } else { Err(io::ErrorKind::WouldBlock.into()) });
+            if self.sent(whole)? == SendOutcome::Full {
+                return Ok(SendOutcome::Full);
+            }
+        }
+        Ok(SendOutcome::Sent)
+    }
 }
