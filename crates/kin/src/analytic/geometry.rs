@@ -3,7 +3,9 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::Analytic;
+use super::subproblems::{Reach, Slide};
 use crate::Chain;
+use crate::chain::z_onto;
 
 /// Axes count as parallel, and points as one, below this (rad, m): descriptions are written with micrometres.
 const TOLERANCE: f64 = 1e-6;
@@ -44,14 +46,23 @@ pub(crate) fn recognise(chain: &Chain) -> Option<Analytic> {
         Vector3::zeros(),
         tip - wrist,
     ];
+    // From here on in axes whose z is axis 2.
+    let from_base = *z_onto(axes[1]).inverse().to_rotation_matrix().matrix();
+    let (h, signs) = (h.0.map(|axis| from_base * axis), h.1);
+    let p = p.map(|offset| from_base * offset);
+    let middle = if family == Family::Parallel { Vector3::z() } else { h[3] };
     let limits = chain.limits();
     Some(Analytic {
         family,
-        h: h.0,
-        signs: h.1,
+        machine: chain.machine,
+        from_base,
+        h,
+        signs,
         p,
         start: places[0],
-        zero_rotation: tip_rotation,
+        tip_to_axes: tip_rotation.transpose() * from_base.transpose(),
+        elbow: Reach::new(&p[1], &p[2]),
+        wrist: Slide::new(&middle, &h[5], &h[4]),
         lower: std::array::from_fn(|i| limits[i].lower),
         upper: std::array::from_fn(|i| limits[i].upper),
     })

@@ -6,7 +6,7 @@
 use nalgebra::{Isometry3, IsometryMatrix3, Matrix6xX};
 use pulp::{Simd, WithSimd};
 
-use super::{Chain, Frame, MAX_STAGES, cross, sincos};
+use super::{Chain, Frame, MAX_STAGES, Stage, cross, sincos};
 
 impl Chain {
     /// Pose of the tip in the base.
@@ -59,6 +59,12 @@ impl Chain {
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "must take on the instruction set of its caller")]
     pub(crate) fn tip_frame_here(&self, q: &[f64]) -> Frame {
+        if let (Some(stages), Some(q)) = (self.turning::<6>(), q.as_array()) {
+            return walk_turns(stages, &self.end, q, |_, _| ());
+        }
+        if let (Some(stages), Some(q)) = (self.turning::<7>(), q.as_array()) {
+            return walk_turns(stages, &self.end, q, |_, _| ());
+        }
         self.walk(q, |_, _| ())
     }
 
@@ -66,18 +72,15 @@ impl Chain {
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "must take on the instruction set of its caller")]
     pub(crate) fn tip_frame_and_jacobian_here(&self, q: &[f64], columns: &mut [f64]) -> Frame {
-        if self.plain_turns {
-            let tip = self.walk(q, |index, frame| {
-                let column = &mut columns[6 * index..6 * index + 6];
-                column[..3].copy_from_slice(&frame.p[..3]);
-                column[3..].copy_from_slice(&frame.z[..3]);
-            });
-            for column in columns.as_chunks_mut::<6>().0 {
-                let origin = [column[0], column[1], column[2], 0.0];
-                let axis = [column[3], column[4], column[5], 0.0];
-                column[..3].copy_from_slice(&cross(&axis, &arm(&tip.p, &origin))[..3]);
-            }
-            return tip;
+        if let (Some(stages), Some(q), Some(columns)) =
+            (self.turning::<6>(), q.as_array(), columns.as_chunks_mut::<6>().0.as_mut_array())
+        {
+            return turning_columns(stages, &self.end, q, columns);
+        }
+        if let (Some(stages), Some(q), Some(columns)) =
+            (self.turning::<7>(), q.as_array(), columns.as_chunks_mut::<6>().0.as_mut_array())
+        {
+            return turning_columns(stages, &self.end, q, columns);
         }
         columns.fill(0.0);
         let mut axes = [[[0.0; 4]; 2]; MAX_STAGES];
@@ -93,6 +96,54 @@ impl Chain {
             }
         }
         tip
+    }
+
+    /// The stages of a chain of exactly `N` turning joints, one joint value each.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "a test of two words")]
+    fn turning<const N: usize>(&self) -> Option<&[Stage; N]> {
+        if self.plain_turns { self.stages.as_array() } else { None }
+    }
+
+    /// Pose of the tip, and the Jacobian by rows of `L` joints, for callers that are dispatched already. Joints of `q`
+    /// beyond the chain's have zeros.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "must take on the instruction set of its caller")]
+    pub(crate) fn tip_frame_and_rows_here<const D: usize, const L: usize>(
+        &self,
+        q: &[f64; D],
+    ) -> (Frame, [[f64; L]; 6]) {
+        let mut rows = [[0.0; L]; 6];
+        if D <= sincos::BLOCK
+            && let Some(stages) = self.turning::<D>()
+        {
+            let (mut axes, mut origins) = ([[0.0; L]; 3], [[0.0; L]; 3]);
+            let tip = walk_turns(stages, &self.end, q, |index, frame| {
+                for r in 0..3 {
+                    axes[r][index] = frame.z[r];
+                    origins[r][index] = frame.p[r];
+                }
+            });
+            for j in 0..L {
+                let [x, y, z] = [tip.p[0] - origins[0][j], tip.p[1] - origins[1][j], tip.p[2] - origins[2][j]];
+                rows[0][j] = axes[1][j] * z - axes[2][j] * y;
+                rows[1][j] = axes[2][j] * x - axes[0][j] * z;
+                rows[2][j] = axes[0][j] * y - axes[1][j] * x;
+                for r in 0..3 {
+                    rows[3 + r][j] = axes[r][j];
+                }
+            }
+            return (tip, rows);
+        }
+        let dof = self.dof();
+        let mut columns = [[0.0; 6]; D];
+        let tip = self.tip_frame_and_jacobian_here(&q[..dof], columns[..dof].as_flattened_mut());
+        for (j, column) in columns.iter().enumerate() {
+            for r in 0..6 {
+                rows[r][j] = column[r];
+            }
+        }
+        (tip, rows)
     }
 
     /// Visits the frame after each stage (z is its axis) from base to tip and returns the tip.
@@ -125,6 +176,45 @@ impl Chain {
     }
 }
 
+/// [`Chain::walk`] over turning joints alone, whose number the compiler knows.
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "must take on the instruction set of its caller")]
+fn walk_turns<const N: usize>(
+    stages: &[Stage; N],
+    end: &Frame,
+    q: &[f64; N],
+    mut visit: impl FnMut(usize, &Frame),
+) -> Frame {
+    let mut values = [0.0; sincos::BLOCK];
+    values[..N].copy_from_slice(q);
+    let (sines, cosines) = sincos::sin_cos(&values);
+    let mut frame = Frame::IDENTITY;
+    for i in 0..N {
+        let mut moved = stages[i].fixed;
+        moved.turn(sines[i], cosines[i]);
+        frame = if i == 0 { moved } else { frame.compose(&moved) };
+        visit(i, &frame);
+    }
+    frame.compose(end)
+}
+
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "must take on the instruction set of its caller")]
+fn turning_columns<const N: usize>(
+    stages: &[Stage; N],
+    end: &Frame,
+    q: &[f64; N],
+    columns: &mut [[f64; 6]; N],
+) -> Frame {
+    let mut axes = [[[0.0; 4]; 2]; N];
+    let tip = walk_turns(stages, end, q, |index, frame| axes[index] = [frame.z, frame.p]);
+    for (column, [axis, origin]) in columns.iter_mut().zip(&axes) {
+        column[..3].copy_from_slice(&cross(axis, &arm(&tip.p, origin))[..3]);
+        column[3..].copy_from_slice(&axis[..3]);
+    }
+    tip
+}
+
 struct Pose<'a> {
     chain: &'a Chain,
     q: &'a [f64],
@@ -136,7 +226,7 @@ impl WithSimd for Pose<'_> {
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "must take on the instruction set it is dispatched to")]
     fn with_simd<S: Simd>(self, _: S) -> Frame {
-        self.chain.walk(self.q, |_, _| ())
+        self.chain.tip_frame_here(self.q)
     }
 }
 

@@ -15,9 +15,12 @@ mod measures;
 mod rates;
 mod sincos;
 
+use std::sync::Arc;
+
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use crate::analytic::Analytic;
+use crate::ik::Starts;
 use crate::simd::Machine;
 use crate::{Error, JointId, JointLimits, LinkId, Robot};
 pub(crate) use frame::{Frame, cross};
@@ -71,6 +74,7 @@ pub struct Chain {
     /// All stages turn, as well as `plain`.
     plain_turns: bool,
     analytic: Option<Box<Analytic>>,
+    pub(crate) starts: Arc<Starts>,
 }
 
 impl Robot {
@@ -123,7 +127,9 @@ impl Robot {
             machine: Machine::detect(),
             plain_turns,
             analytic: None,
+            starts: Arc::default(),
         };
+        chain.starts = Arc::new(Starts::of(&chain));
         chain.analytic = crate::analytic::recognise(&chain).map(Box::new);
         Ok(chain)
     }

@@ -7,9 +7,14 @@
 //! d^2 = |e_p|^2 + (rho |e_w|)^2,      rho = IkOptions::rotation_weight_m_per_rad
 //! ```
 
-mod numeric;
+mod descent;
+mod problem;
+mod search;
+mod starts;
 
 use nalgebra::Isometry3;
+
+pub(crate) use starts::Starts;
 
 /// How the answer is found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -203,8 +208,9 @@ impl crate::Chain {
             return report;
         }
         match self.dof() {
-            1..=7 => numeric::solve::<7>(self, base_from_target, options, q, go_on),
-            _ => numeric::solve::<32>(self, base_from_target, options, q, go_on),
+            1..=6 => search::solve::<6, 8>(self, base_from_target, options, q, go_on),
+            7 => search::solve::<7, 8>(self, base_from_target, options, q, go_on),
+            _ => search::solve::<32, 32>(self, base_from_target, options, q, go_on),
         }
     }
 
@@ -220,9 +226,10 @@ impl crate::Chain {
             return None;
         }
         let solution = analytic.nearest(base_from_target, &seed)?;
-        let reached = self.fk(&solution);
-        let position_error_m = (reached.translation.vector - base_from_target.translation.vector).norm();
-        let rotation_error_rad = reached.rotation.angle_to(&base_from_target.rotation);
+        let reached = self.tip_frame(&solution);
+        let position_error_m = (reached.position() - base_from_target.translation.vector).norm();
+        let wanted = base_from_target.rotation.to_rotation_matrix();
+        let rotation_error_rad = problem::turn_between(&reached.rotation(), wanted.matrix()).norm();
         if !(position_error_m <= options.position_tolerance_m && rotation_error_rad <= options.rotation_tolerance_rad) {
             return None;
         }

@@ -84,6 +84,13 @@ pub struct JointLimits {
     pub effort: f64,
 }
 
+impl JointLimits {
+    /// The positions to choose from where no other is known: the limits, or one turn where there are none.
+    pub(crate) fn finite_range(&self) -> (f64, f64) {
+        (self.lower.max(-std::f64::consts::PI), self.upper.min(std::f64::consts::PI))
+    }
+}
+
 /// A joint that copies another one: `q = multiplier * q_master + offset`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Mimic {
