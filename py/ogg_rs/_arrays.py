@@ -1,4 +1,4 @@
-"""Arrays on their way in: float64, C-contiguous, copied only if they are not so already."""
+"""Arrays on their way in: float64, C-contiguous, aligned, copied only if they are not so already."""
 
 from __future__ import annotations
 
@@ -16,13 +16,15 @@ _FLOAT64 = np.dtype(np.float64)
 
 
 def floats(what: str, values: ArrayLike) -> FloatArray:
-    """`values` as a C-contiguous float64 array; the same object if it already is one.
+    """`values` as a C-contiguous, aligned float64 array; the same object if it already is one.
 
     Raises:
         InvalidParameter: `values` are not real numbers, or have ragged rows.
     """
-    if type(values) is np.ndarray and values.dtype is _FLOAT64 and values.flags.c_contiguous:
-        return values
+    if type(values) is np.ndarray and values.dtype is _FLOAT64:
+        flags = values.flags
+        if flags.c_contiguous and flags.aligned:
+            return values
     if hasattr(values, "tocsr"):
         raise InvalidParameter(f"{what}: expected a dense array, got a sparse one; use its toarray()", "Type")
     array: NDArray[Any]
@@ -36,7 +38,7 @@ def floats(what: str, values: ArrayLike) -> FloatArray:
         raise InvalidParameter(f"{what}: expected real numbers. Complex data not supported", "Type")
     if array.dtype.kind not in "fiub":
         raise InvalidParameter(f"{what}: expected real numbers, got dtype {array.dtype}", "Type")
-    return np.require(array, np.float64, "C")
+    return np.require(array, np.float64, "CA")
 
 
 def rows(what: str, values: ArrayLike, columns: int | None = None, owner: str = "this") -> FloatArray:

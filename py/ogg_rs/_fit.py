@@ -46,6 +46,10 @@ class MixtureEstimator(Estimator):
     fusion_reliability_: FloatArray
     fusion_omega_: FloatArray
 
+    # Methods that cost little hand their argument to the native half at once, which takes an array that needs no conversion
+    # and answers None to everything else; then it is converted, or its fault is named.
+    _mixture: _native.Mixture | None = None
+
     def __init__(
         self,
         n_components: int = 1,
@@ -79,13 +83,13 @@ class MixtureEstimator(Estimator):
 
     @property
     def _fitted(self) -> _native.Mixture:
-        mixture: _native.Mixture | None = self.__dict__.get("_mixture")
+        mixture = self._mixture
         if mixture is None:
             raise not_fitted(f"this {type(self).__name__} is not fitted yet; call fit first")
         return mixture
 
     def __sklearn_is_fitted__(self) -> bool:
-        return "_mixture" in self.__dict__
+        return self._mixture is not None
 
     def _settings(self) -> dict[str, Any]:
         """What the native fit is told, but for components, restarts and start."""
@@ -112,7 +116,7 @@ class MixtureEstimator(Estimator):
         settings["weights"] = sample_weights(sample_weight, x.shape[0])
         settings["fusion"] = fusion_errors(x, self.weight_fusion)
         random = legacy_random(self.random_state)
-        previous: _native.Mixture | None = self.__dict__.get("_mixture") if self.warm_start else None
+        previous = self._mixture if self.warm_start else None
         if previous is not None:
             fit = _native.fit_mixture(x, restarts=1, seed=0, start=previous, **settings)
         elif self.init_params == "random":

@@ -86,7 +86,10 @@ class GaussianMixture(MixtureEstimator):
 
     def predict(self, X: ArrayLike) -> NDArray[np.int64]:
         """The likeliest component of each row, `(n,)`; NaN is integrated out, as in all methods below."""
-        mixture = self._fitted
+        mixture = self._mixture or self._fitted
+        found = mixture.labels_if_ready(X)
+        if found is not None:
+            return found
         x = rows("X", X, self.n_features_in_, type(self).__name__)
         try:
             return mixture.labels(x)
@@ -98,7 +101,10 @@ class GaussianMixture(MixtureEstimator):
 
     def predict_proba(self, X: ArrayLike) -> FloatArray:
         """Probability of each component for each row, `(n, k)`."""
-        mixture = self._fitted
+        mixture = self._mixture or self._fitted
+        shares = mixture.responsibilities_if_ready(X)
+        if shares is not None:
+            return shares
         x = rows("X", X, self.n_features_in_, type(self).__name__)
         try:
             return mixture.responsibilities(x)
@@ -109,7 +115,10 @@ class GaussianMixture(MixtureEstimator):
 
     def score_samples(self, X: ArrayLike) -> FloatArray:
         """Log density of each row, `(n,)`; of the values that were seen, where some are NaN."""
-        mixture = self._fitted
+        mixture = self._mixture or self._fitted
+        densities = mixture.log_densities_if_ready(X)
+        if densities is not None:
+            return densities
         x = rows("X", X, self.n_features_in_, type(self).__name__)
         try:
             return mixture.log_densities(x)

@@ -12,7 +12,7 @@ from . import _native
 from ._arrays import FloatArray, floats, rows
 from ._fit import MixtureEstimator
 from ._start import full_covariances
-from .errors import InvalidParameter
+from .errors import InvalidParameter, not_fitted
 
 
 class GaussianMixtureRegressor(MixtureEstimator):
@@ -35,7 +35,7 @@ class GaussianMixtureRegressor(MixtureEstimator):
     """
 
     _estimator_type = "regressor"
-    _regressor: _native.Regressor
+    _regressor: _native.Regressor | None = None
 
     def fit(
         self, X: ArrayLike, y: ArrayLike, *, sample_weight: ArrayLike | None = None
@@ -67,6 +67,12 @@ class GaussianMixtureRegressor(MixtureEstimator):
         d = self.n_features_in_
         return _native.Regressor(self._fitted, list(inputs), list(range(d, d + self.n_outputs_)))
 
+    @property
+    def _prepared(self) -> _native.Regressor:
+        if self._regressor is None:
+            raise not_fitted(f"this {type(self).__name__} is not fitted yet; call fit first")
+        return self._regressor
+
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != "_regressor"}
 
@@ -89,13 +95,17 @@ class GaussianMixtureRegressor(MixtureEstimator):
         Raises:
             NumericalError: A query lies so far out that no component reaches it.
         """
-        self._fitted  # noqa: B018  raises where nothing is fitted
+        regressor = self._regressor or self._prepared
+        if not return_cov:
+            found = regressor.means_if_ready(X, self._flat)
+            if found is not None:
+                return found
         x = rows("X", X, self.n_features_in_, type(self).__name__)
         try:
             if not return_cov:
-                means = self._regressor.means(x)
+                means = regressor.means(x)
                 return means[:, 0] if self._flat else means
-            means, covariances = self._regressor.means_and_covariances(x)
+            means, covariances = regressor.means_and_covariances(x)
         except InvalidParameter:
             if not np.isnan(x).any():
                 raise
@@ -124,8 +134,7 @@ class GaussianMixtureRegressor(MixtureEstimator):
 
     def predict_derivative(self, X: ArrayLike) -> FloatArray:
         """Derivative of the prediction by `X`, `(q, d)` or `(q, m, d)`."""
-        self._fitted  # noqa: B018  raises where nothing is fitted
-        slopes = self._regressor.derivatives(rows("X", X, self.n_features_in_, type(self).__name__))
+        slopes = self._prepared.derivatives(rows("X", X, self.n_features_in_, type(self).__name__))
         return slopes[:, 0] if self._flat else slopes
 
     def score(self, X: ArrayLike, y: ArrayLike) -> float:

@@ -97,11 +97,17 @@ class Robot:
 
     def fk(self, q: ArrayLike) -> FloatArray:
         """Poses of the tip in the base as homogeneous matrices, `(..., n)` to `(..., 4, 4)`; metres."""
+        poses = self._native.fk_if_ready(q)
+        if poses is not None:
+            return poses
         joints, shape = batch("q", q, (self._size,))
         return self._native.fk(joints).reshape((*shape, 4, 4))
 
     def jacobian(self, q: ArrayLike) -> FloatArray:
         """Velocity of the tip (linear, then angular, axes of the base) by joint speed, `(..., n)` to `(..., 6, n)`."""
+        rows = self._native.jacobian_if_ready(q)
+        if rows is not None:
+            return rows
         n = self._size
         joints, shape = batch("q", q, (n,))
         return self._native.jacobian(joints).reshape((*shape, 6, n))

@@ -6,11 +6,11 @@ use gmr_core::{
     ArimaOrder, ArimaParams, CovarianceKind, Criterion, FitReport, Fusion, FusionReading, GmmParams, MissingValues,
     MixtureParts, Samples, Start, Stop, Trajectory,
 };
-use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use numpy::{Ix2, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-use crate::array::{borrowed, moved, moved2};
+use crate::array::{borrowed, moved, moved2, ready, released};
 use crate::failure::Failure;
 
 /// A fitted mixture: weights `(k)`, means `(k, d)` and covariances as scikit-learn lays them out.
@@ -59,7 +59,24 @@ pub(crate) fn samples<'a>(x: &'a PyReadonlyArray2<'_, f64>) -> Result<Samples<'a
     Ok(Samples::new(borrowed("X", x)?, x.shape()[1])?)
 }
 
+/// The kernel takes samples in blocks of this many.
+const BLOCK: usize = 128;
+
 impl Mixture {
+    /// Multiply-adds of the densities of `n` samples.
+    fn cost(&self, n: usize) -> usize {
+        let d = self.inner.dim();
+        n.next_multiple_of(BLOCK) * self.inner.components() * d * (d + 1) / 2
+    }
+
+    fn densities(&self, py: Python<'_>, samples: &Samples<'_>) -> Result<Vec<f64>, gmr_core::Error> {
+        released(py, self.cost(samples.len()), || self.inner.log_densities(samples))
+    }
+
+    fn shares(&self, py: Python<'_>, samples: &Samples<'_>) -> Result<Vec<f64>, gmr_core::Error> {
+        released(py, self.cost(samples.len()), || self.inner.responsibilities(samples))
+    }
+
     fn labels_of(&self, samples: &Samples<'_>) -> Result<Vec<i64>, gmr_core::Error> {
         let shares = self.inner.responsibilities(samples)?;
         Ok(shares.chunks_exact(self.inner.components()).map(first_largest).collect())
@@ -106,14 +123,36 @@ impl Mixture {
         moved(py, self.inner.covariances().to_vec())
     }
 
+    /// Log densities, responsibilities or labels of an array that is ready for it and whose rows all have them; else
+    /// `None`, and the method of that name says why.
+    fn log_densities_if_ready<'py>(&self, py: Python<'py>, x: &Bound<'py, PyAny>) -> Option<Bound<'py, PyArray1<f64>>> {
+        let x = ready::<Ix2>(x, self.inner.dim())?;
+        Some(moved(py, self.densities(py, &samples(&x).ok()?).ok()?))
+    }
+
+    fn responsibilities_if_ready<'py>(
+        &self,
+        py: Python<'py>,
+        x: &Bound<'py, PyAny>,
+    ) -> Option<Bound<'py, PyArray2<f64>>> {
+        let x = ready::<Ix2>(x, self.inner.dim())?;
+        let shares = self.shares(py, &samples(&x).ok()?).ok()?;
+        moved2(py, shares, [x.shape()[0], self.inner.components()]).ok()
+    }
+
+    fn labels_if_ready<'py>(&self, py: Python<'py>, x: &Bound<'py, PyAny>) -> Option<Bound<'py, PyArray1<i64>>> {
+        let x = ready::<Ix2>(x, self.inner.dim())?;
+        let samples = samples(&x).ok()?;
+        let labels = released(py, self.cost(samples.len()), || self.labels_of(&samples));
+        Some(moved(py, labels.ok()?))
+    }
+
     fn log_densities<'py>(
         &self,
         py: Python<'py>,
         x: PyReadonlyArray2<'py, f64>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let samples = samples(&x)?;
-        let densities = py.detach(|| self.inner.log_densities(&samples)).map_err(Failure::from)?;
-        Ok(moved(py, densities))
+        Ok(moved(py, self.densities(py, &samples(&x)?).map_err(Failure::from)?))
     }
 
     fn responsibilities<'py>(
@@ -122,14 +161,14 @@ impl Mixture {
         x: PyReadonlyArray2<'py, f64>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let samples = samples(&x)?;
-        let shares = py.detach(|| self.inner.responsibilities(&samples)).map_err(Failure::from)?;
+        let shares = self.shares(py, &samples).map_err(Failure::from)?;
         moved2(py, shares, [samples.len(), self.inner.components()])
     }
 
     /// The component with the largest responsibility, the first of equals.
     fn labels<'py>(&self, py: Python<'py>, x: PyReadonlyArray2<'py, f64>) -> PyResult<Bound<'py, PyArray1<i64>>> {
         let samples = samples(&x)?;
-        let labels = py.detach(|| self.labels_of(&samples)).map_err(Failure::from)?;
+        let labels = released(py, self.cost(samples.len()), || self.labels_of(&samples)).map_err(Failure::from)?;
         Ok(moved(py, labels))
     }
 

@@ -12,8 +12,11 @@ use nalgebra::{Matrix3, Point3};
 use numpy::{PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use crate::array::{borrowed, check_finite, check_len, moved2, moved3};
+use crate::array::{borrowed, check_finite, check_len, moved2, moved3, released};
 use crate::failure::Failure;
+
+/// Multiply-adds that a posture with its rate and covariance costs, about.
+const OPERATIONS: usize = 2000;
 
 /// Means and rates `(m, 6)`, covariances `(m, 6, 6)`.
 type Points<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>, Bound<'py, PyArray3<f64>>);
@@ -176,7 +179,8 @@ impl MotionModel {
     fn at<'py>(&self, py: Python<'py>, times_s: PyReadonlyArray1<'py, f64>) -> PyResult<Points<'py>> {
         let times = borrowed("t", &times_s)?;
         check_finite("t", times)?;
-        let points: Vec<_> = py.detach(|| times.iter().map(|t| self.inner.at(*t)).collect());
+        let points: Vec<_> =
+            released(py, OPERATIONS * times.len(), || times.iter().map(|t| self.inner.at(*t)).collect());
         let means = points.iter().flat_map(|p| p.mean.iter().copied()).collect();
         let rates = points.iter().flat_map(|p| p.rate.iter().copied()).collect();
         // Symmetric: the order of rows and columns does not matter.

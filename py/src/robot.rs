@@ -2,14 +2,21 @@
 
 use kin::{Chain, IkOptions, UrdfOptions};
 use nalgebra::{DMatrix, Isometry3, Matrix3, Matrix6xX, Rotation3, Translation3, UnitQuaternion, Vector3};
-use numpy::{PyArray1, PyArray2, PyArray3, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
+use numpy::{
+    IxDyn, PyArray1, PyArray2, PyArray3, PyArrayDyn, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods,
+};
 use pyo3::prelude::*;
 
-use crate::array::{borrowed, check_finite, check_len, moved, moved2, moved3};
+use crate::array::{borrowed, check_finite, check_len, moved, moved_under, moved2, moved3, ready, released};
 use crate::failure::Failure;
 
 /// How far `R R'` of a target may be from the identity.
 const ROTATION_TOLERANCE: f64 = 1e-6;
+
+/// Multiply-adds that a joint costs, sine and cosine included, about.
+const OPERATIONS: usize = 100;
+/// Steps that inverse kinematics takes, about.
+const IK_STEPS: usize = 20;
 
 /// Joint values `(m, n)`, whether the target was reached, and the remaining errors in m and rad, each `(m)`.
 type IkAnswer<'py> =
@@ -55,6 +62,51 @@ impl Robot {
         let values = borrowed("q", q)?;
         check_finite("q", values)?;
         Ok(values)
+    }
+}
+
+impl Robot {
+    /// `work` on joint vectors of any leading axes.
+    fn if_ready<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        tail: &[usize],
+        work: impl Fn(&Self, Python<'_>, &[f64]) -> Vec<f64>,
+    ) -> Option<Bound<'py, PyArrayDyn<f64>>> {
+        let q = ready::<IxDyn>(q, self.chain.dof())?;
+        let values = q.as_slice().ok()?;
+        check_finite("q", values).ok()?;
+        let (_, lead) = q.shape().split_last()?;
+        moved_under(py, work(self, py, values), lead, tail).ok()
+    }
+
+    /// Homogeneous matrices, row by row.
+    fn poses(&self, py: Python<'_>, values: &[f64]) -> Vec<f64> {
+        released(py, OPERATIONS * values.len(), || {
+            let mut poses = Vec::with_capacity(16 * values.len() / self.chain.dof().max(1));
+            for q in values.chunks_exact(self.chain.dof()) {
+                let matrix = self.chain.fk_matrix(q).to_homogeneous();
+                poses.extend(matrix.transpose().as_slice());
+            }
+            poses
+        })
+    }
+
+    /// Jacobians, row by row.
+    fn jacobians(&self, py: Python<'_>, values: &[f64]) -> Vec<f64> {
+        let dof = self.chain.dof();
+        released(py, OPERATIONS * values.len(), || {
+            let mut jacobian = Matrix6xX::zeros(dof);
+            let mut rows = Vec::with_capacity(6 * values.len());
+            for q in values.chunks_exact(dof) {
+                self.chain.fk_jacobian_into(q, &mut jacobian);
+                for row in jacobian.row_iter() {
+                    rows.extend(row.iter());
+                }
+            }
+            rows
+        })
     }
 }
 
@@ -131,29 +183,24 @@ impl Robot {
         moved2(py, limits, [self.chain.dof(), 2])
     }
 
+    /// [`Robot::fk`] of any leading axes, for an array of finite numbers that is ready for it; else `None`.
+    fn fk_if_ready<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> Option<Bound<'py, PyArrayDyn<f64>>> {
+        self.if_ready(py, q, &[4, 4], Self::poses)
+    }
+
+    /// [`Robot::jacobian`] of any leading axes, for an array of finite numbers that is ready for it; else `None`.
+    fn jacobian_if_ready<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> Option<Bound<'py, PyArrayDyn<f64>>> {
+        self.if_ready(py, q, &[6, self.chain.dof()], Self::jacobians)
+    }
+
     /// `(m, n)` to `(m, 4, 4)`.
     fn fk<'py>(&self, py: Python<'py>, q: PyReadonlyArray2<'py, f64>) -> PyResult<Bound<'py, PyArray3<f64>>> {
-        let values = self.joint_vectors(&q)?;
-        let poses: Vec<f64> = py.detach(|| {
-            let matrices = values.chunks_exact(self.chain.dof()).map(|q| self.chain.fk_matrix(q).to_homogeneous());
-            matrices.flat_map(|matrix| matrix.transpose().data.0).flatten().collect()
-        });
-        moved3(py, poses, [q.shape()[0], 4, 4])
+        moved3(py, self.poses(py, self.joint_vectors(&q)?), [q.shape()[0], 4, 4])
     }
 
     /// `(m, n)` to `(m, 6, n)`, linear rows first.
     fn jacobian<'py>(&self, py: Python<'py>, q: PyReadonlyArray2<'py, f64>) -> PyResult<Bound<'py, PyArray3<f64>>> {
-        let (values, dof) = (self.joint_vectors(&q)?, self.chain.dof());
-        let rows = py.detach(|| {
-            let mut jacobian = Matrix6xX::zeros(dof);
-            let mut rows = Vec::with_capacity(6 * values.len());
-            for q in values.chunks_exact(dof) {
-                self.chain.fk_jacobian_into(q, &mut jacobian);
-                rows.extend(jacobian.row_iter().flat_map(|row| row.iter().copied().collect::<Vec<f64>>()));
-            }
-            rows
-        });
-        moved3(py, rows, [q.shape()[0], 6, dof])
+        moved3(py, self.jacobians(py, self.joint_vectors(&q)?), [q.shape()[0], 6, self.chain.dof()])
     }
 
     /// Targets `(m, 4, 4)` and seeds `(m, n)`.
@@ -172,7 +219,7 @@ impl Robot {
         check_finite("target", numbers)?;
         let poses = numbers.chunks_exact(16).map(pose_of).collect::<Result<Vec<_>, _>>()?;
         let options = IkOptions::default();
-        let reports: Vec<_> = py.detach(|| {
+        let reports: Vec<_> = released(py, IK_STEPS * OPERATIONS * q.len(), || {
             let pairs = poses.iter().zip(q.chunks_exact_mut(dof));
             pairs.map(|(pose, q)| self.chain.ik(pose, &options, q)).collect()
         });
@@ -187,7 +234,7 @@ impl Robot {
     /// `(m, n)` to `(m, n, n)`.
     fn mass_matrix<'py>(&self, py: Python<'py>, q: PyReadonlyArray2<'py, f64>) -> PyResult<Bound<'py, PyArray3<f64>>> {
         let (values, n) = (self.joint_vectors(&q)?, self.chain.dof());
-        let entries = py.detach(|| {
+        let entries = released(py, n * OPERATIONS * values.len(), || {
             let dynamics = self.tree.dynamics(Vector3::zeros());
             let mut scratch = dynamics.scratch();
             let mut matrix = DMatrix::zeros(dynamics.dof(), dynamics.dof());
@@ -217,7 +264,7 @@ impl Robot {
         check_finite("gravity", &gravity_m_s2)?;
         let [q_rows, qd_rows, qdd_rows] =
             [self.joint_vectors(&q)?, self.joint_vectors(&qd)?, self.joint_vectors(&qdd)?];
-        let efforts = py.detach(|| {
+        let efforts = released(py, n * OPERATIONS * q_rows.len(), || {
             let dynamics = self.tree.dynamics(Vector3::from(gravity_m_s2));
             let mut scratch = dynamics.scratch();
             let still = vec![0.0; dynamics.dof()];
