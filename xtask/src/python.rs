@@ -107,7 +107,8 @@ pub(crate) fn wheel_test(interpreters: &[String]) -> Result<()> {
         run(Command::new(interpreter).args(["-m", "venv"]).arg(&folder))?;
         let python = folder.join("bin/python");
         run(Command::new(&python)
-            .args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"])
+            .args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--constraint"])
+            .arg(workspace_root().join("py/requirements-test.txt"))
             .arg(format!("{}[plot,lerobot]", wheel.display()))
             .args(["pandas", "polars", "scikit-learn", "pytest", "hypothesis", "cantools"]))?;
         run(Command::new(&python).args(["-c", "import ogg_rs, sys; print(ogg_rs.__name__, sys.version)"]))?;
