@@ -38,7 +38,7 @@ def floats(what: str, values: ArrayLike) -> FloatArray:
         raise InvalidParameter(f"{what}: expected real numbers. Complex data not supported", "Type")
     if array.dtype.kind not in "fiub":
         raise InvalidParameter(f"{what}: expected real numbers, got dtype {array.dtype}", "Type")
-    return np.require(array, np.float64, "CA")
+    return np.require(array, np.float64, ("C", "A"))
 
 
 def rows(what: str, values: ArrayLike, columns: int | None = None, owner: str = "this") -> FloatArray:

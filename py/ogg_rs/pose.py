@@ -90,11 +90,13 @@ class TargetMaps(NamedTuple):
 
 
 def _singles(what: str, values: ArrayLike) -> MapArray:
-    """`values` as C-contiguous float32; the same object if it already is one."""
-    if type(values) is np.ndarray and values.dtype == np.float32 and values.flags.c_contiguous:
-        return values
+    """`values` as C-contiguous, aligned float32; the same object if it already is one."""
+    if type(values) is np.ndarray and values.dtype == np.float32:
+        flags = values.flags
+        if flags.c_contiguous and flags.aligned:
+            return values
     with np.errstate(over="ignore"):
-        return np.require(floats(what, values), np.float32, "C")
+        return np.require(floats(what, values), np.float32, ("C", "A"))
 
 
 def _channel_limbs(skeleton: Skeleton, limbs: Sequence[Limb] | None) -> list[tuple[int, int, int, int]]:

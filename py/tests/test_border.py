@@ -35,13 +35,15 @@ def anything(rng):
     else:
         with np.errstate(all="ignore"):
             array = np.asarray(wild(rng, shape).astype(dtype))
-    form = rng.choice(["plain", "plain", "fortran", "strided", "reversed", "readonly", "list"])
+    form = rng.choice(["plain", "plain", "fortran", "strided", "reversed", "readonly", "odd address", "list"])
     if form == "fortran":
         array = np.asfortranarray(array)
     elif form == "strided" and array.ndim:
         array = np.repeat(array, 2, axis=-1)[..., ::2]
     elif form == "reversed" and array.ndim:
         array = array[::-1]
+    elif form == "odd address" and array.dtype.kind not in "OM":
+        array = np.ndarray(array.shape, array.dtype, b"\0" + array.tobytes() + b"\0", offset=1)
     elif form == "readonly":
         array.flags.writeable = False
     return array.tolist() if form == "list" else array
