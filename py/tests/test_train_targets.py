@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import pytest
 from train_support import require_training_packages
@@ -13,7 +14,7 @@ import numpy as np
 import torch
 
 from ogg_rs.train.skeleton import LIMBS, OPENPOSE18, PARTS, UPPER_LIMB
-from ogg_rs.train.targets import LIMB_HALF_WIDTH_PX, MASK_RADIUS, SIGMA_PX, Maps, State, encode, fuse
+from ogg_rs.train.targets import LIMB_HALF_WIDTH_PX, MASK_RADIUS, SIGMA_PX, Maps, State, encode, encode_in_torch, fuse
 
 SIZE = (96, 64)
 TOLERANCE = 1e-6
@@ -80,10 +81,11 @@ def slow(joints: np.ndarray, states: np.ndarray, boxes: np.ndarray) -> tuple[np.
     return pcm, paf, pcm_mask, paf_mask
 
 
+@pytest.mark.parametrize("encoder", [encode, encode_in_torch])
 @pytest.mark.parametrize("seed", range(5))
-def test_encoding_equals_the_definition_cell_by_cell(seed: int) -> None:
+def test_encoding_equals_the_definition_cell_by_cell(seed: int, encoder: Callable[..., Maps]) -> None:
     joints, states, boxes = scene(seed)
-    maps = encode(joints, states, boxes, OPENPOSE18, SIZE)
+    maps = encoder(joints, states, boxes, OPENPOSE18, SIZE)
     for b in range(2):
         expected = slow(joints[b].numpy().astype(float), states[b].numpy(), boxes[b].numpy())
         for got, want in zip((maps.pcm, maps.paf, maps.pcm_mask, maps.paf_mask), expected, strict=True):

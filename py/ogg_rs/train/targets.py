@@ -3,6 +3,9 @@
 Coordinates are continuous picture coordinates in pixels: the picture covers `[0, width] x [0, height]`, pixel `i`
 covers `[i, i + 1]`, and cell `k` of a map covers `[8 k, 8 k + 8]`, its value standing for its centre `8 k + 4`.
 
+`ogg_rs.pose.encode_targets` and the decoder count from the centre of the first pixel instead: their coordinates are
+smaller by half a pixel, and the cells lie in the same places.
+
 Confidence maps (Cao et al. 2017, eq. 6): `S_j(p) = max over people of exp(-|p - x_j|^2 / (2 sigma^2))`, and the
 background map `1 - max_j S_j`. Affinity fields (eqs. 8-10): the unit vector from a limb's first joint to its
 second, for every `p` within half a limb width of the segment between them, averaged over the people there.
@@ -22,14 +25,22 @@ Arm joints covered by fabric with an exactly known place are labelled like visib
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 from enum import IntEnum
+from importlib.util import find_spec
 
 import torch
 from torch import Tensor
 
 from .nets import STRIDE
 from .skeleton import Skeleton
+
+if find_spec("ogg_rs._native"):
+    from ..pose import encode_targets
+else:
+    encode_targets = None
+    logging.getLogger(__name__).warning("the native module is not built: PyTorch draws the labels, several times slower")
 
 SIGMA_PX = 7.0
 """Width of the Gaussian in input pixels, that of the published OpenPose training. Much narrower than a cell, the peak
@@ -79,14 +90,43 @@ def encode(
     half_width_px: float = LIMB_HALF_WIDTH_PX,
     stride: int = STRIDE,
 ) -> Maps:
-    """Targets and masks for a batch, one cell for `stride` pixels.
+    """Targets and masks for a batch, one cell for `stride` pixels: the native encoder's where it is built, else
+    `encode_in_torch`'s, which are the same numbers.
 
     `joints_px (b, people, parts, 2)`, `states (b, people, parts)` of `State`, `boxes_px (b, people, 4)` as
     x0, y0, x1, y1; `size` is the picture's (width, height). Empty person slots have all states `OUTSIDE`.
     """
-    width, height = (side // stride for side in size)
-    if (width * stride, height * stride) != tuple(size):
+    if size[0] % stride or size[1] % stride:
         raise ValueError(f"picture size: expected multiples of {stride}, got {size[0]}x{size[1]}")
+    lengths = {"sigma_px": sigma_px, "half_width_px": half_width_px}
+    if encode_targets is None:
+        return encode_in_torch(joints_px, states, boxes_px, skeleton, size, stride=stride, **lengths)
+    maps = encode_targets(
+        (joints_px - 0.5).numpy(),
+        states.to(torch.uint8).numpy(),
+        (boxes_px - 0.5).numpy(),
+        size=size,
+        skeleton=skeleton.name,
+        limbs=skeleton.limbs,
+        stride=stride,
+        **lengths,
+    )
+    return Maps(*map(torch.from_numpy, maps))
+
+
+def encode_in_torch(
+    joints_px: Tensor,
+    states: Tensor,
+    boxes_px: Tensor,
+    skeleton: Skeleton,
+    size: tuple[int, int],
+    *,
+    sigma_px: float = SIGMA_PX,
+    half_width_px: float = LIMB_HALF_WIDTH_PX,
+    stride: int = STRIDE,
+) -> Maps:
+    """`encode` without the native module."""
+    width, height = (side // stride for side in size)
     x = (torch.arange(width, dtype=torch.float32) + 0.5) * stride
     y = (torch.arange(height, dtype=torch.float32) + 0.5) * stride
     labelled, hidden, unknown = (states == s for s in (State.LABELLED, State.HIDDEN, State.UNKNOWN))
