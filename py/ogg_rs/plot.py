@@ -39,6 +39,8 @@ def _axes(ax: Axes | None, title: str, x: str, y: str) -> Axes:
     ax.set_title(title)
     ax.set_xlabel(x)
     ax.set_ylabel(y)
+    ax.grid(alpha=0.3)
+    ax.set_axisbelow(True)
     return ax
 
 
@@ -63,7 +65,7 @@ def tracks(
     ax = _axes(ax, quantity, "time (s)", f"{quantity} ({unit})")
     for name in chosen:
         ax.plot(table["time_s"], table[name], label=name.removesuffix(f".{quantity}"), linewidth=1.0)
-    ax.legend(fontsize="small")
+    ax.legend(fontsize="small", ncols=3)
     return ax
 
 
@@ -84,7 +86,7 @@ def tracking_error(run: Recording, *, ax: Axes | None = None) -> Axes:
     for name in joints:
         error = setpoints[name][newest[known]] - measured[name][known]
         ax.plot(measured["time_s"][known], error, label=name.removesuffix(".position"), linewidth=1.0)
-    ax.legend(fontsize="small")
+    ax.legend(fontsize="small", ncols=3)
     return ax
 
 
@@ -125,7 +127,7 @@ def motion_model(model: MotionModel, *, deviations: float = 2.0, ax: Axes | None
     ax = _axes(ax, "", "", "")
     for place, axis in enumerate("xyz"):
         variance_band(t, mean[:, place], covariance[:, place, place], deviations=deviations, label=axis, ax=ax)
-    ax.set_title("wrist in world")
+    ax.set_title(f"wrist in world, with {deviations:g} standard deviations")
     ax.set_ylabel("position (m)")
     ax.legend()
     return ax

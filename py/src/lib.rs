@@ -1,7 +1,9 @@
 //! The native half of the Python package ogg_rs.
 //!
 //! Everything here is private to the package: arguments arrive checked for type and shape by the Python half, as
-//! C-contiguous `float64` arrays that are borrowed, and results leave as arrays that own the memory Rust computed them in.
+//! C-contiguous `float64` arrays that are borrowed, and results leave as arrays that own the memory Rust computed them in;
+//! small ones are copied. Methods named `.._if_ready` take what a caller gave, unchecked, for the Python half would cost more
+//! than the work: they answer `None` to everything that has to be converted or refused.
 #![allow(clippy::needless_pass_by_value, reason = "arguments of Python functions are extracted by value")]
 
 mod arima;
