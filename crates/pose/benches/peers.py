@@ -1,6 +1,7 @@
 """The same work with NumPy, OpenCV and ONNX Runtime's own Python interface. Prints the same rows; see pose.rs.
 
-NumPy's encoder is vectorised over the batch, people and cells; it is what a PyTorch data loader would do.
+NumPy's encoder and fusion are vectorised over pictures, joints and cells, compute in float32 and write into arrays that
+are allocated once. NumPy uses one thread; the crate uses OGG_POSE_THREADS.
 """
 
 import json
@@ -19,12 +20,14 @@ def row(name, peer, n, call):
     for _ in range((n + 9) // 10):
         call()
     times = []
+    processor = time.process_time()
     for _ in range(n):
         start = time.perf_counter()
         call()
         times.append((time.perf_counter() - start) * 1e3)
+    processor = (time.process_time() - processor) / n * 1e3
     times.sort()
-    return {"name": name, "unit": "ms", "peer": times[len(times) // 2], "peer_name": peer, "n": n}
+    return {"name": name, "unit": "ms", "peer": times[len(times) // 2], "peer_processor": processor, "peer_name": peer, "n": n}
 
 
 def labels(batch, people):
@@ -32,44 +35,100 @@ def labels(batch, people):
     return ((i * 7919 % 3680) / 10).astype(np.float32).reshape(batch, people, 18, 2)
 
 
-def encode(joints, size=368, stride=8, sigma=7.0, half=8.0):
+def blank(batch, size=368, stride=8):
     cells = size // stride
+    channels = 19, 2 * len(LIMBS), 19, 2 * len(LIMBS)
+    return [np.empty((batch, c, cells, cells), np.float32) for c in channels]
+
+
+def encode(joints, maps, stride=8, sigma=7.0, half=8.0):
+    pcm, paf, pcm_mask, paf_mask = maps
+    batch, people, cells = len(joints), joints.shape[1], pcm.shape[2]
     c = ((np.arange(cells) + 0.5) * stride - 0.5).astype(np.float32)
-    gx = np.exp(-((c - joints[..., 0, None]) ** 2) / (2 * sigma**2))
-    gy = np.exp(-((c - joints[..., 1, None]) ** 2) / (2 * sigma**2))
-    parts = (gy[..., :, None] * gx[..., None, :]).max(1)
-    pcm = np.concatenate((parts, 1 - parts.max(1, keepdims=True)), 1)
+    gx = np.exp(-((c - joints[..., 0, None]) ** 2) / np.float32(2 * sigma**2))
+    gy = np.exp(-((c - joints[..., 1, None]) ** 2) / np.float32(2 * sigma**2))
+    parts, background = pcm[:, :-1], pcm[:, -1]
+    np.multiply(gy[:, 0, :, :, None], gx[:, 0, :, None, :], out=parts)
+    for p in range(1, people):
+        np.maximum(parts, gy[:, p, :, :, None] * gx[:, p, :, None, :], out=parts)
+    np.max(parts, axis=1, out=background)
+    np.subtract(1, background, out=background)
+    pcm_mask.fill(1)
+    paf_mask.fill(1)
+    paf.fill(0)
+    field = paf.reshape(batch, len(LIMBS), 2, cells, cells)
     ends = np.array(LIMBS)
     a, b = joints[:, :, ends[:, 0]], joints[:, :, ends[:, 1]]
     along = b - a
     length = np.sqrt((along**2).sum(-1))
-    unit = along / np.maximum(length, 1e-3)[..., None]
+    unit = along / np.maximum(length, np.float32(1e-3))[..., None]
     dx, dy = c - a[..., 0, None], c - a[..., 1, None]
-    ux, uy = unit[..., 0, None, None], unit[..., 1, None, None]
-    forward = dx[..., None, :] * ux + dy[..., :, None] * uy
-    sideways = dx[..., None, :] * uy - dy[..., :, None] * ux
-    on = (forward >= 0) & (forward <= length[..., None, None]) & (np.abs(sideways) <= half)
-    count = np.maximum(on.sum(1), 1)
-    paf = np.stack(((on * ux).sum(1) / count, (on * uy).sum(1) / count), 2)
-    masks = np.ones_like(pcm), np.ones((len(joints), 2 * len(LIMBS), cells, cells), np.float32)
-    return pcm, paf.reshape(masks[1].shape), *masks
+    ux, uy = unit[..., 0, None], unit[..., 1, None]
+    xx, xy, yx, yy = dx * ux, dx * uy, dy * ux, dy * uy
+    count = np.zeros((batch, len(LIMBS), cells, cells), np.float32)
+    for p in range(people):
+        forward = xx[:, p, :, None, :] + yy[:, p, :, :, None]
+        sideways = xy[:, p, :, None, :] - yx[:, p, :, :, None]
+        on = (forward >= 0) & (forward <= length[:, p, :, None, None]) & (np.abs(sideways, out=sideways) <= half)
+        field[:, :, 0] += on * ux[:, p, :, :, None]
+        field[:, :, 1] += on * uy[:, p, :, :, None]
+        count += on
+    if people > 1:
+        np.divide(field, count[:, :, None], out=field, where=(count > 1)[:, :, None])
 
 
 def noise(shape):
     return ((np.arange(np.prod(shape)) * 7919 % 1000) / 833 - 0.2).astype(np.float32).reshape(shape)
 
 
-def fuse(pcm, paf, pcm_mask, paf_mask, pcm_t, paf_t, floor=0.1):
-    parts = np.maximum(pcm[:, :-1], np.clip(pcm_t[:, :-1], 0, 1))
-    out = np.concatenate((parts, 1 - parts.max(1, keepdims=True)), 1)
+def fuse(maps, pcm_t, paf_t, floor=0.1):
+    pcm, paf, pcm_mask, paf_mask = maps
+    parts, background = pcm[:, :-1], pcm[:, -1]
+    np.maximum(parts, np.clip(pcm_t[:, :-1], 0, 1), out=parts)
+    np.max(parts, axis=1, out=background)
+    np.subtract(1, background, out=background)
     answered = pcm_t[:, :-1] >= floor
-    answered = np.concatenate((answered, answered.any(1, keepdims=True)), 1)
-    pair = (paf.shape[0], -1, 2, *paf.shape[2:])
-    own, other = paf.reshape(pair), paf_t.reshape(pair)
-    n_own, n_other = (np.sqrt((f**2).sum(2, keepdims=True)) for f in (own, other))
-    field = np.where(n_own > n_other, own, other).reshape(paf.shape)
-    field_mask = np.where(np.broadcast_to(n_other >= floor, own.shape).reshape(paf.shape), np.float32(1), paf_mask)
-    return out, field, np.where(answered, np.float32(1), pcm_mask), field_mask
+    np.copyto(pcm_mask[:, :-1], 1, where=answered)
+    np.copyto(pcm_mask[:, -1], 1, where=answered.any(1))
+    pair = (len(paf), -1, 2, *paf.shape[2:])
+    own, other, mask = (f.reshape(pair) for f in (paf, paf_t, paf_mask))
+    n_own, n_other = (f[:, :, 0] ** 2 + f[:, :, 1] ** 2 for f in (own, other))
+    np.copyto(own, other, where=(n_own <= n_other)[:, :, None])
+    np.copyto(mask, 1, where=(n_other >= floor**2)[:, :, None])
+
+
+def targets(rows):
+    """Arrays are allocated once; the whole batch at once, or a picture after the other, whichever is faster."""
+    joints = labels(16, 2)
+    maps = blank(16)
+    teacher = noise(maps[0].shape), noise(maps[1].shape)
+
+    def pictures():
+        for i in range(16):
+            yield slice(i, i + 1), [m[i:i + 1] for m in maps]
+
+    def one_by_one(both, first):
+        for i, part in pictures():
+            if first:
+                encode(joints[i], part)
+            if both or not first:
+                fuse(part, teacher[0][i], teacher[1][i])
+
+    whole = {
+        "encode": lambda: encode(joints, maps),
+        "fuse": lambda: fuse(maps, *teacher),
+        "encode and fuse": lambda: (encode(joints, maps), fuse(maps, *teacher)),
+    }
+    single = {
+        "encode": lambda: one_by_one(False, True),
+        "fuse": lambda: one_by_one(False, False),
+        "encode and fuse": lambda: one_by_one(True, True),
+    }
+    for what, of in (("encode", ", 2 people"), ("fuse", ""), ("encode and fuse", ", 2 people")):
+        name = f"targets: {what} 16 pictures of 368x368{of}"
+        ways = {"the batch at once": whole[what], "picture by picture": single[what]}
+        measured = [(row(name, f"NumPy, 1 thread, {way}", 30, call)) for way, call in ways.items()]
+        rows.append(min(measured, key=lambda r: r["peer"]))
 
 
 def networks(rows):
@@ -92,11 +151,7 @@ def networks(rows):
 
 def main():
     rows = []
-    joints = labels(16, 2)
-    rows.append(row("targets: encode 16 pictures of 368x368, 2 people", "NumPy, vectorised", 10, lambda: encode(joints)))
-    maps = encode(joints)
-    teacher = noise(maps[0].shape), noise(maps[1].shape)
-    rows.append(row("targets: fuse 16 pictures of 368x368", "NumPy, vectorised", 20, lambda: fuse(*maps, *teacher)))
+    targets(rows)
 
     import cv2
 

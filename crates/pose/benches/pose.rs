@@ -22,6 +22,7 @@ use pose::{
     ArmGate, CropMap, GateOptions, ImageView, JointState, Labels, Layout, MapView, Maps, Model, OpenPoseDecoder,
     Preprocessor, Side, Skeleton, TargetParams, WorkerOptions, WorkerTracker,
 };
+use rayon::prelude::*;
 use serde_json::{Value, json};
 
 fn main() {
@@ -90,6 +91,26 @@ fn targets(rows: &mut Vec<Value>) {
     let teacher = (data::noise(maps.pcm.len()), data::noise(maps.paf.len()));
     rows.push(row("targets: fuse 16 pictures of 368x368", 100, || {
         plan.fuse(&mut maps, &teacher.0, &teacher.1, 0.1).unwrap();
+    }));
+    rows.push(row("targets: encode and fuse 16 pictures of 368x368, 2 people", 100, || {
+        plan.encode_fused_into(&labels, &teacher.0, &teacher.1, 0.1, &mut maps).unwrap();
+    }));
+    let Maps { pcm, paf, pcm_mask, paf_mask } = &mut maps;
+    rows.push(row("memory: only write what encoding writes", 100, || {
+        for map in [&mut *pcm, paf, pcm_mask, paf_mask] {
+            map.par_chunks_mut(1 << 14).for_each(|part| part.fill(1.0));
+        }
+    }));
+    rows.push(row("memory: only read and write what fusing reads and writes", 100, || {
+        for (own, mask, teacher) in [(&mut *pcm, &mut *pcm_mask, &teacher.0), (paf, paf_mask, &teacher.1)] {
+            let own = own.par_chunks_mut(1 << 14).zip(mask.par_chunks_mut(1 << 14));
+            own.zip(teacher.par_chunks(1 << 14)).for_each(|((own, mask), teacher)| {
+                for ((own, mask), teacher) in own.iter_mut().zip(mask).zip(teacher) {
+                    *own += *teacher;
+                    *mask += *teacher;
+                }
+            });
+        }
     }));
 }
 

@@ -13,6 +13,7 @@ mod network;
 mod person;
 pub mod preprocess;
 mod runtime;
+mod simd;
 mod skeleton;
 mod targets;
 mod worker;

@@ -21,7 +21,7 @@
 //! - the background is left out near hidden joints, and in the box of a person with an unknown joint where it would be
 //!   above one half.
 //!
-//! Label fusion (OGG eq. 3): see [`TargetPlan::fuse`].
+//! Label fusion (OGG eq. 3): see [`TargetPlan::fuse`], and [`TargetPlan::encode_fused_into`] for both in one pass.
 //!
 //! Arrays are row-major. Joints are in picture coordinates (0 is the centre of the first pixel), maps are
 //! `(batch, channel, row, column)`. A batch is spread over the threads of rayon. Gaussians are cut off where they fall
@@ -29,11 +29,14 @@
 
 use rayon::prelude::*;
 
-use crate::{Error, Result, Skeleton, card::Limb};
+use crate::{Error, Result};
 
 mod draw;
+mod fuse;
+mod params;
 
 use draw::Sample;
+pub use params::TargetParams;
 
 /// What is known of a joint of a person. The numbers are those of the arrays.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -47,67 +50,6 @@ pub enum JointState {
     Outside = 2,
     /// Its place is known and is to be learnt, covered or not.
     Labelled = 3,
-}
-
-/// Size and width of the targets.
-#[derive(Debug, Clone, PartialEq)]
-pub struct TargetParams {
-    /// Order of the joints.
-    pub skeleton: Skeleton,
-    /// Limbs; `paf` of each says where its two channels go.
-    pub limbs: Vec<Limb>,
-    /// Width of the picture, px; a multiple of the stride.
-    pub width: usize,
-    /// Height of the picture, px; a multiple of the stride.
-    pub height: usize,
-    /// Pixels per cell.
-    pub stride: usize,
-    /// Width of the Gaussians, px.
-    pub sigma_px: f32,
-    /// Half the width of a limb, px.
-    pub half_width_px: f32,
-}
-
-impl TargetParams {
-    /// The published OpenPose widths for stride 8: sigma 7 px, limbs one cell to each side.
-    pub fn openpose(skeleton: Skeleton, limbs: Vec<Limb>, width: usize, height: usize) -> Self {
-        Self { skeleton, limbs, width, height, stride: 8, sigma_px: 7.0, half_width_px: 8.0 }
-    }
-
-    /// Checks everything and fixes the order of the channels.
-    ///
-    /// # Errors
-    /// [`Error::Parameter`] with the field.
-    pub fn validate(self) -> Result<TargetPlan> {
-        let bad = |field, expected, got: String| Err(Error::Parameter { field, expected, got });
-        if self.stride == 0 || self.width == 0 || !self.width.is_multiple_of(self.stride) {
-            return bad("width", "a multiple of the stride", self.width.to_string());
-        }
-        if self.height == 0 || !self.height.is_multiple_of(self.stride) {
-            return bad("height", "a multiple of the stride", self.height.to_string());
-        }
-        for (field, x) in [("sigma_px", self.sigma_px), ("half_width_px", self.half_width_px)] {
-            if !(x > 0.0 && x.is_finite()) {
-                return bad(field, "above 0 px", x.to_string());
-            }
-        }
-        if self.limbs.is_empty() {
-            return bad("limbs", "at least one", "none".to_owned());
-        }
-        let mut ends = vec![None; self.limbs.len()];
-        for limb in &self.limbs {
-            let (Some(from), Some(to)) = (self.skeleton.index_of(limb.from), self.skeleton.index_of(limb.to)) else {
-                return bad("limbs", "parts of the skeleton", format!("{} to {}", limb.from, limb.to));
-            };
-            let slot = limb.paf[0] / 2;
-            if limb.paf[0] % 2 != 0 || limb.paf[1] != limb.paf[0] + 1 || slot >= ends.len() || ends[slot].is_some() {
-                return bad("limbs.paf", "channels 2 l and 2 l + 1, each l once", format!("{:?}", limb.paf));
-            }
-            ends[slot] = Some([from, to]);
-        }
-        let ends = ends.into_iter().flatten().collect();
-        Ok(TargetPlan { params: self, ends })
-    }
 }
 
 /// The labels of a batch, borrowed.
@@ -188,6 +130,34 @@ impl TargetPlan {
     /// # Errors
     /// As [`TargetPlan::encode`].
     pub fn encode_into(&self, labels: &Labels<'_>, maps: &mut Maps) -> Result<()> {
+        self.check_labels(labels)?;
+        self.draw(labels, None, maps);
+        Ok(())
+    }
+
+    /// [`TargetPlan::encode_into`] and then [`TargetPlan::fuse`], with the same numbers. Every map is corrected while it is
+    /// in the cache, so memory is written once and nothing but the teacher is read.
+    ///
+    /// # Errors
+    /// As [`TargetPlan::encode`] and [`TargetPlan::fuse`].
+    pub fn encode_fused_into(
+        &self,
+        labels: &Labels<'_>,
+        teacher_pcm: &[f32],
+        teacher_paf: &[f32],
+        floor: f32,
+        maps: &mut Maps,
+    ) -> Result<()> {
+        check_floor(floor)?;
+        self.check_labels(labels)?;
+        let (pcm, paf) = self.lengths();
+        check_length("teacher_pcm", labels.batch * pcm, teacher_pcm.len())?;
+        check_length("teacher_paf", labels.batch * paf, teacher_paf.len())?;
+        self.draw(labels, Some((teacher_pcm, teacher_paf, floor)), maps);
+        Ok(())
+    }
+
+    fn check_labels(&self, labels: &Labels<'_>) -> Result<()> {
         let joints = self.params.skeleton.len();
         check_length("joints_px", labels.batch * labels.people * joints * 2, labels.joints_px.len())?;
         check_length("states", labels.batch * labels.people * joints, labels.states.len())?;
@@ -201,26 +171,33 @@ impl TargetPlan {
                 return Err(Error::Parameter { field: "joints_px", expected: "finite", got: format!("{place:?}") });
             }
         }
+        Ok(())
+    }
+
+    /// Numbers of one picture's confidence maps, and of its fields.
+    fn lengths(&self) -> (usize, usize) {
         let (rows, columns) = self.map_size();
         let (pcm, paf) = self.channels();
-        let cells = rows * columns;
-        for (map, channels) in
+        (pcm * rows * columns, paf * rows * columns)
+    }
+
+    fn draw(&self, labels: &Labels<'_>, teacher: Option<(&[f32], &[f32], f32)>, maps: &mut Maps) {
+        let (rows, columns) = self.map_size();
+        let (pcm, paf) = self.lengths();
+        for (map, length) in
             [(&mut maps.pcm, pcm), (&mut maps.paf, paf), (&mut maps.pcm_mask, pcm), (&mut maps.paf_mask, paf)]
         {
-            map.resize(labels.batch * channels * cells, 0.0);
-        }
-        if labels.batch == 0 {
-            return Ok(());
+            map.resize(labels.batch * length, 0.0);
         }
         maps.pcm
-            .par_chunks_exact_mut(pcm * cells)
-            .zip(maps.pcm_mask.par_chunks_exact_mut(pcm * cells))
-            .zip(maps.paf.par_chunks_exact_mut(paf * cells))
-            .zip(maps.paf_mask.par_chunks_exact_mut(paf * cells))
+            .par_chunks_exact_mut(pcm)
+            .zip(maps.pcm_mask.par_chunks_exact_mut(pcm))
+            .zip(maps.paf.par_chunks_exact_mut(paf))
+            .zip(maps.paf_mask.par_chunks_exact_mut(paf))
             .enumerate()
             .for_each(|(i, (((pcm, pcm_mask), paf), paf_mask))| {
-                let n = labels.people * joints;
-                Sample {
+                let n = labels.people * self.params.skeleton.len();
+                let sample = Sample {
                     params: &self.params,
                     ends: &self.ends,
                     rows,
@@ -228,10 +205,13 @@ impl TargetPlan {
                     joints_px: &labels.joints_px[i * n * 2..(i + 1) * n * 2],
                     states: &labels.states[i * n..(i + 1) * n],
                     boxes_px: &labels.boxes_px[i * labels.people * 4..(i + 1) * labels.people * 4],
-                }
-                .draw(pcm, pcm_mask, paf, paf_mask);
+                    teacher: teacher.map(|(t_pcm, t_paf, floor)| {
+                        (&t_pcm[i * pcm.len()..(i + 1) * pcm.len()], &t_paf[i * paf.len()..(i + 1) * paf.len()], floor)
+                    }),
+                };
+                sample.parts(pcm, pcm_mask);
+                sample.fields(paf, paf_mask);
             });
-        Ok(())
     }
 
     /// Corrects labels by a teacher's maps, in place (OGG eq. 3; Kato et al. 2018):
@@ -247,37 +227,40 @@ impl TargetPlan {
     /// # Errors
     /// [`Error::Length`] when the teacher's maps have another size, [`Error::Parameter`] when `floor` is not above 0.
     pub fn fuse(&self, labels: &mut Maps, teacher_pcm: &[f32], teacher_paf: &[f32], floor: f32) -> Result<()> {
-        if !(floor > 0.0 && floor.is_finite()) {
-            return Err(Error::Parameter { field: "floor", expected: "above 0", got: floor.to_string() });
-        }
-        let (rows, columns) = self.map_size();
-        let (pcm, paf) = self.channels();
-        let cells = rows * columns;
-        let batch = labels.pcm.len() / (pcm * cells);
+        check_floor(floor)?;
+        let (pcm, paf) = self.lengths();
+        let batch = labels.pcm.len() / pcm;
         for (what, expected, got) in [
-            ("labels.pcm", batch * pcm * cells, labels.pcm.len()),
-            ("labels.pcm_mask", batch * pcm * cells, labels.pcm_mask.len()),
-            ("labels.paf", batch * paf * cells, labels.paf.len()),
-            ("labels.paf_mask", batch * paf * cells, labels.paf_mask.len()),
-            ("teacher_pcm", batch * pcm * cells, teacher_pcm.len()),
-            ("teacher_paf", batch * paf * cells, teacher_paf.len()),
+            ("labels.pcm", batch * pcm, labels.pcm.len()),
+            ("labels.pcm_mask", batch * pcm, labels.pcm_mask.len()),
+            ("labels.paf", batch * paf, labels.paf.len()),
+            ("labels.paf_mask", batch * paf, labels.paf_mask.len()),
+            ("teacher_pcm", batch * pcm, teacher_pcm.len()),
+            ("teacher_paf", batch * paf, teacher_paf.len()),
         ] {
             check_length(what, expected, got)?;
         }
-        labels
-            .pcm
-            .par_chunks_exact_mut(pcm * cells)
-            .zip(labels.pcm_mask.par_chunks_exact_mut(pcm * cells))
-            .zip(teacher_pcm.par_chunks_exact(pcm * cells))
-            .for_each(|((own, mask), teacher)| draw::fuse_parts(own, mask, teacher, cells, floor));
-        labels
-            .paf
-            .par_chunks_exact_mut(2 * cells)
-            .zip(labels.paf_mask.par_chunks_exact_mut(2 * cells))
-            .zip(teacher_paf.par_chunks_exact(2 * cells))
-            .for_each(|((own, mask), teacher)| draw::fuse_field(own, mask, teacher, cells, floor));
+        let (rows, columns) = self.map_size();
+        let cells = rows * columns;
+        let own = labels.pcm.par_chunks_exact_mut(pcm).zip(labels.pcm_mask.par_chunks_exact_mut(pcm));
+        let fields = labels.paf.par_chunks_exact_mut(paf).zip(labels.paf_mask.par_chunks_exact_mut(paf));
+        let teacher = teacher_pcm.par_chunks_exact(pcm).zip(teacher_paf.par_chunks_exact(paf));
+        own.zip(fields).zip(teacher).for_each(|(((pcm, pcm_mask), (paf, paf_mask)), (t_pcm, t_paf))| {
+            fuse::parts(pcm, pcm_mask, t_pcm, cells, floor);
+            let fields = paf.chunks_exact_mut(2 * cells).zip(paf_mask.chunks_exact_mut(2 * cells));
+            for ((own, mask), teacher) in fields.zip(t_paf.chunks_exact(2 * cells)) {
+                fuse::field(own, mask, teacher, floor);
+            }
+        });
         Ok(())
     }
+}
+
+fn check_floor(floor: f32) -> Result<()> {
+    if floor > 0.0 && floor.is_finite() {
+        return Ok(());
+    }
+    Err(Error::Parameter { field: "floor", expected: "above 0", got: floor.to_string() })
 }
 
 fn check_length(what: &'static str, expected: usize, got: usize) -> Result<()> {

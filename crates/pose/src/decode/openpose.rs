@@ -32,6 +32,8 @@ const MAX_PEAKS: usize = 40;
 const SAMPLES: usize = 10;
 /// Share of the points that must support a limb; 0.8 as in OpenPose's published demo code.
 const SUPPORT: f32 = 0.8;
+/// Points of a limb that may lack support; one more, and the rest of its line need not be looked at.
+const MAX_MISSES: usize = 2;
 /// Fewer keypoints make no person: two joined parts may be noise, an arm has three.
 const MIN_PARTS: usize = 3;
 /// Least sum of a person's peaks and limbs: [`MIN_PARTS`] parts at OpenPose's least mean of 0.4. It is a sum and no mean,
@@ -108,13 +110,18 @@ impl Field<'_> {
 
     /// Mean of the field along a line, and the share of its points where the field is at least `threshold`.
     pub fn line(&self, from: Peak, to: Peak, threshold: f32) -> (f32, f32) {
+        self.supported_line(from, to, threshold, SAMPLES).unwrap_or_default()
+    }
+
+    /// As [`Field::line`]; nothing as soon as more than `misses` of the [`SAMPLES`] points are below the threshold.
+    fn supported_line(&self, from: Peak, to: Peak, threshold: f32, misses: usize) -> Option<(f32, f32)> {
         let (dx, dy) = (to.x - from.x, to.y - from.y);
         let length = dx.hypot(dy);
         if length < 1e-3 {
             // Two parts in one place have no direction; only the field's strength can speak for them.
             let [lx, ly] = self.sample(from.x, from.y);
             let strength = lx.hypot(ly);
-            return (strength, f32::from(u8::from(strength >= threshold)));
+            return Some((strength, f32::from(u8::from(strength >= threshold))));
         }
         let (ux, uy) = (dx / length, dy / length);
         let (mut sum, mut support) = (0.0, 0);
@@ -124,8 +131,11 @@ impl Field<'_> {
             let along = lx * ux + ly * uy;
             sum += along;
             support += usize::from(along >= threshold);
+            if i + 1 > support + misses {
+                return None;
+            }
         }
-        (sum / SAMPLES as f32, support as f32 / SAMPLES as f32)
+        Some((sum / SAMPLES as f32, support as f32 / SAMPLES as f32))
     }
 }
 
@@ -199,7 +209,8 @@ impl OpenPoseDecoder {
         let mut pairs = Vec::new();
         for (i, a) in self.peaks[from].iter().enumerate() {
             for (j, b) in self.peaks[to].iter().enumerate() {
-                let (mean, support) = field.line(*a, *b, threshold);
+                let line = field.supported_line(*a, *b, threshold, MAX_MISSES);
+                let Some((mean, support)) = line else { continue };
                 // A limb longer than half the map is penalised, as in OpenPose.
                 let length = (a.x - b.x).hypot(a.y - b.y).max(1e-3);
                 let score = mean + (0.5 * map_height as f32 / length - 1.0).min(0.0);

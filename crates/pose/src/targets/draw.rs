@@ -1,13 +1,17 @@
 //! The targets of one picture, cell by cell where they are not zero.
+//!
+//! A channel is drawn, and corrected by the teacher's, while it lies in the first cache; every output is written once.
 
 use std::ops::Range;
 
-use super::{JointState, TargetParams};
+use super::{JointState, TargetParams, fuse};
 
 /// Gaussians end where they fall below this.
 const CUT: f32 = 1e-7;
 /// A hidden joint is left out within this many sigmas.
 const MASK_RADIUS: f32 = 3.0;
+/// A direction component below this bounds nothing: to divide by it costs digits, and the other component bounds enough.
+const FLAT: f32 = 0.01;
 
 pub(super) struct Sample<'a> {
     pub(super) params: &'a TargetParams,
@@ -17,6 +21,8 @@ pub(super) struct Sample<'a> {
     pub(super) joints_px: &'a [f32],
     pub(super) states: &'a [u8],
     pub(super) boxes_px: &'a [f32],
+    /// The teacher's maps and fields, and its floor.
+    pub(super) teacher: Option<(&'a [f32], &'a [f32], f32)>,
 }
 
 const UNKNOWN: u8 = JointState::Unknown as u8;
@@ -56,75 +62,119 @@ impl Sample<'_> {
         first..last.max(first)
     }
 
-    pub(super) fn draw(&self, pcm: &mut [f32], pcm_mask: &mut [f32], paf: &mut [f32], paf_mask: &mut [f32]) {
+    /// Confidence maps and background.
+    pub(super) fn parts(&self, pcm: &mut [f32], mask: &mut [f32]) {
         let cells = self.rows * self.columns;
-        pcm.fill(0.0);
-        paf.fill(0.0);
-        pcm_mask.fill(1.0);
-        paf_mask.fill(1.0);
-        for joint in 0..self.joints() {
-            let (map, mask) = (&mut pcm[joint * cells..][..cells], &mut pcm_mask[joint * cells..][..cells]);
+        let (pcm, background) = pcm.split_at_mut(self.joints() * cells);
+        let (mask, background_mask) = mask.split_at_mut(self.joints() * cells);
+        // The most of all labels; the background when done.
+        background.fill(0.0);
+        background_mask.fill(1.0);
+        let mut across = Vec::new();
+        let mut most = fuse::Most::new(cells);
+        for (joint, (map, mask)) in pcm.chunks_exact_mut(cells).zip(mask.chunks_exact_mut(cells)).enumerate() {
+            map.fill(0.0);
+            mask.fill(1.0);
             for person in 0..self.people() {
                 match self.state(person, joint) {
-                    LABELLED => self.gaussian(person, joint, |cell, g| map[cell] = map[cell].max(g)),
-                    HIDDEN => self.near(person, joint, |cell| mask[cell] = 0.0),
-                    UNKNOWN => self.in_box(person, |cell| mask[cell] = 0.0),
+                    LABELLED => self.gaussian(person, joint, &mut across, |run, down, across| {
+                        for ((cell, most), g) in map[run.clone()].iter_mut().zip(&mut background[run]).zip(across) {
+                            let g = down * g;
+                            *cell = if g > *cell { g } else { *cell };
+                            *most = if g > *most { g } else { *most };
+                        }
+                    }),
+                    HIDDEN => self.near(person, joint, &mut across, |cell| {
+                        mask[cell] = 0.0;
+                        background_mask[cell] = 0.0;
+                    }),
+                    UNKNOWN => self.in_box(person, |run| mask[run].fill(0.0)),
                     _ => {}
                 }
             }
-        }
-        let (parts, background) = pcm.split_at_mut(self.joints() * cells);
-        background_of(parts, background, cells);
-        let mask = &mut pcm_mask[self.joints() * cells..];
-        for person in 0..self.people() {
-            let is = |state| (0..self.joints()).any(|j| self.state(person, j) == state);
-            for joint in (0..self.joints()).filter(|j| self.state(person, *j) == HIDDEN) {
-                self.near(person, joint, |cell| mask[cell] = 0.0);
+            if let Some((teacher, _, floor)) = self.teacher {
+                fuse::part(map, mask, &teacher[joint * cells..][..cells], floor, &mut most);
             }
-            if is(UNKNOWN) {
-                self.in_box(person, |cell| {
-                    if background[cell] > 0.5 {
-                        mask[cell] = 0.0;
+        }
+        for most in &mut *background {
+            *most = 1.0 - *most;
+        }
+        for person in 0..self.people() {
+            if (0..self.joints()).any(|j| self.state(person, j) == UNKNOWN) {
+                self.in_box(person, |run| {
+                    for (mask, background) in background_mask[run.clone()].iter_mut().zip(&background[run]) {
+                        if *background > 0.5 {
+                            *mask = 0.0;
+                        }
                     }
                 });
             }
         }
-        let mut count = vec![0_u16; cells];
-        for (limb, ends) in self.ends.iter().enumerate() {
-            let range = limb * 2 * cells..(limb + 1) * 2 * cells;
-            self.field(*ends, &mut paf[range.clone()], &mut paf_mask[range], &mut count);
+        if self.teacher.is_some() {
+            fuse::background(background, background_mask, &most);
         }
     }
 
-    fn gaussian(&self, person: usize, joint: usize, mut visit: impl FnMut(usize, f32)) {
+    /// Affinity fields.
+    pub(super) fn fields(&self, paf: &mut [f32], mask: &mut [f32]) {
+        let cells = self.rows * self.columns;
+        let mut shared = Shared { count: vec![0; cells], ..Shared::default() };
+        let maps = paf.chunks_exact_mut(2 * cells).zip(mask.chunks_exact_mut(2 * cells));
+        for (limb, (ends, (paf, mask))) in self.ends.iter().zip(maps).enumerate() {
+            paf.fill(0.0);
+            mask.fill(1.0);
+            self.field(*ends, paf, mask, &mut shared);
+            if let Some((_, teacher, floor)) = self.teacher {
+                fuse::field(paf, mask, &teacher[limb * 2 * cells..][..2 * cells], floor);
+            }
+        }
+    }
+
+    /// Row by row the run of cells, the factor of the row, and those of its columns.
+    fn gaussian(
+        &self,
+        person: usize,
+        joint: usize,
+        across: &mut Vec<f32>,
+        mut visit: impl FnMut(Range<usize>, f32, &[f32]),
+    ) {
         let (x, y) = self.place(person, joint);
         let gain = -1.0 / (2.0 * self.params.sigma_px * self.params.sigma_px);
         let radius = (CUT.ln() / gain).sqrt();
         let columns = self.cells(x - radius, x + radius, self.columns);
-        let across: Vec<f32> = columns.clone().map(|c| (gain * (self.centre(c) - x).powi(2)).exp()).collect();
+        across.clear();
+        across.extend(columns.clone().map(|c| (gain * (self.centre(c) - x).powi(2)).exp()));
         for row in self.cells(y - radius, y + radius, self.rows) {
             let down = (gain * (self.centre(row) - y).powi(2)).exp();
-            for (column, g) in columns.clone().zip(&across) {
-                visit(row * self.columns + column, down * g);
-            }
+            let first = row * self.columns;
+            visit(first + columns.start..first + columns.end, down, across);
         }
     }
 
-    fn near(&self, person: usize, joint: usize, mut visit: impl FnMut(usize)) {
+    fn near(&self, person: usize, joint: usize, across: &mut Vec<f32>, mut visit: impl FnMut(usize)) {
         let edge = (-MASK_RADIUS * MASK_RADIUS / 2.0).exp();
-        self.gaussian(person, joint, |cell, g| {
-            if g > edge {
-                visit(cell);
-            }
+        self.gaussian(person, joint, across, |run, down, across| {
+            run.zip(across).filter(|(_, g)| down * **g > edge).for_each(|(cell, _)| visit(cell));
         });
     }
 
-    fn in_box(&self, person: usize, mut visit: impl FnMut(usize)) {
+    /// The runs of cells of a person's box.
+    fn in_box(&self, person: usize, mut visit: impl FnMut(Range<usize>)) {
         let b = &self.boxes_px[person * 4..person * 4 + 4];
-        for row in self.cells(b[1], b[3], self.rows).filter(|r| (b[1]..=b[3]).contains(&self.centre(*r))) {
-            for column in self.cells(b[0], b[2], self.columns).filter(|c| (b[0]..=b[2]).contains(&self.centre(*c))) {
-                visit(row * self.columns + column);
+        // Centres grow with the cell, so those inside follow each other.
+        let inside = |from, to, limit| {
+            let mut cells = self.cells(from, to, limit);
+            while !cells.is_empty() && !(self.centre(cells.start) >= from) {
+                cells.start += 1;
             }
+            while !cells.is_empty() && !(self.centre(cells.end - 1) <= to) {
+                cells.end -= 1;
+            }
+            cells
+        };
+        let columns = inside(b[0], b[2], self.columns);
+        for row in inside(b[1], b[3], self.rows) {
+            visit(row * self.columns + columns.start..row * self.columns + columns.end);
         }
     }
 
@@ -135,9 +185,13 @@ impl Sample<'_> {
         let length = (dx * dx + dy * dy).sqrt();
         let (ux, uy) = (dx / length.max(1e-3), dy / length.max(1e-3));
         let half = self.params.half_width_px;
+        let (left, right) = (ax.min(bx) - half, ax.max(bx) + half);
         for row in self.cells(ay.min(by) - half, ay.max(by) + half, self.rows) {
             let y = self.centre(row) - ay;
-            for column in self.cells(ax.min(bx) - half, ax.max(bx) + half, self.columns) {
+            // Where the row enters and leaves the strip between the ends, and the strip around the line.
+            let (a, b) = between(ux, y * uy, 0.0, length);
+            let (c, d) = between(uy, -y * ux, -half, half);
+            for column in self.cells(left.max(ax + a).max(ax + c), right.min(ax + b).min(ax + d), self.columns) {
                 let x = self.centre(column) - ax;
                 let (forward, sideways) = (x * ux + y * uy, x * uy - y * ux);
                 if (0.0..=length).contains(&forward) && sideways.abs() <= half {
@@ -147,25 +201,22 @@ impl Sample<'_> {
         }
     }
 
-    fn field(&self, ends: [usize; 2], paf: &mut [f32], mask: &mut [f32], count: &mut [u16]) {
+    fn field(&self, ends: [usize; 2], paf: &mut [f32], mask: &mut [f32], shared: &mut Shared) {
         let cells = self.rows * self.columns;
         let (px, py) = paf.split_at_mut(cells);
         let (mx, my) = mask.split_at_mut(cells);
-        count.fill(0);
-        let mut labelled = 0;
         for person in 0..self.people() {
             let states = ends.map(|j| self.state(person, j));
             if states == [LABELLED; 2] {
-                labelled += 1;
                 self.on_limb(person, ends, |cell, ux, uy| {
                     px[cell] += ux;
                     py[cell] += uy;
-                    count[cell] += 1;
+                    shared.add(cell);
                 });
             } else if states.contains(&UNKNOWN) && !states.contains(&OUTSIDE) {
-                self.in_box(person, |cell| {
-                    mx[cell] = 0.0;
-                    my[cell] = 0.0;
+                self.in_box(person, |run| {
+                    mx[run.clone()].fill(0.0);
+                    my[run].fill(0.0);
                 });
             } else if !states.contains(&OUTSIDE) {
                 self.on_limb(person, ends, |cell, _, _| {
@@ -174,64 +225,45 @@ impl Sample<'_> {
                 });
             }
         }
-        if labelled > 1 {
-            for ((x, y), n) in px.iter_mut().zip(py).zip(count) {
-                if *n > 1 {
-                    *x /= f32::from(*n);
-                    *y /= f32::from(*n);
-                }
+        shared.drain(|cell, n| {
+            px[cell] /= n;
+            py[cell] /= n;
+        });
+    }
+}
+
+/// Where `low <= slope x + offset <= high`; everywhere when the slope says nothing.
+fn between(slope: f32, offset: f32, low: f32, high: f32) -> (f32, f32) {
+    if slope.abs() < FLAT {
+        return (f32::NEG_INFINITY, f32::INFINITY);
+    }
+    let (a, b) = ((low - offset) / slope, (high - offset) / slope);
+    (a.min(b), a.max(b))
+}
+
+/// Cells that limbs of several people cover.
+#[derive(Default)]
+struct Shared {
+    /// People in each cell; all 0 between limbs.
+    count: Vec<u16>,
+    touched: Vec<usize>,
+}
+
+impl Shared {
+    fn add(&mut self, cell: usize) {
+        if self.count[cell] == 0 {
+            self.touched.push(cell);
+        }
+        self.count[cell] += 1;
+    }
+
+    /// Visits the cells of more than one, and forgets all.
+    fn drain(&mut self, mut visit: impl FnMut(usize, f32)) {
+        for cell in self.touched.drain(..) {
+            let n = std::mem::take(&mut self.count[cell]);
+            if n > 1 {
+                visit(cell, f32::from(n));
             }
         }
-    }
-}
-
-/// `1 - max` over the joint maps.
-fn background_of(parts: &[f32], background: &mut [f32], cells: usize) {
-    background.fill(0.0);
-    for map in parts.chunks_exact(cells) {
-        for (most, value) in background.iter_mut().zip(map) {
-            *most = most.max(*value);
-        }
-    }
-    for value in background {
-        *value = 1.0 - *value;
-    }
-}
-
-pub(super) fn fuse_parts(own: &mut [f32], mask: &mut [f32], teacher: &[f32], cells: usize, floor: f32) {
-    let joints = own.len() / cells - 1;
-    let (parts, background) = own.split_at_mut(joints * cells);
-    let (part_mask, background_mask) = mask.split_at_mut(joints * cells);
-    for ((own, mask), teacher) in
-        parts.chunks_exact_mut(cells).zip(part_mask.chunks_exact_mut(cells)).zip(teacher.chunks_exact(cells))
-    {
-        for (((own, mask), background_mask), teacher) in
-            own.iter_mut().zip(mask).zip(background_mask.iter_mut()).zip(teacher)
-        {
-            *own = own.max(teacher.clamp(0.0, 1.0));
-            let answered = f32::from(u8::from(*teacher >= floor));
-            *mask = mask.max(answered);
-            *background_mask = background_mask.max(answered);
-        }
-    }
-    background_of(parts, background, cells);
-}
-
-pub(super) fn fuse_field(own: &mut [f32], mask: &mut [f32], teacher: &[f32], cells: usize, floor: f32) {
-    let (ox, oy) = own.split_at_mut(cells);
-    let (mx, my) = mask.split_at_mut(cells);
-    let (tx, ty) = teacher.split_at(cells);
-    let floor2 = floor * floor;
-    let own = ox.iter_mut().zip(oy);
-    let masks = mx.iter_mut().zip(my);
-    for (((ox, oy), (mx, my)), (tx, ty)) in own.zip(masks).zip(tx.iter().zip(ty)) {
-        // Squares order as norms do.
-        let (ours, theirs) = (*ox * *ox + *oy * *oy, tx * tx + ty * ty);
-        let take = ours <= theirs;
-        *ox = if take { *tx } else { *ox };
-        *oy = if take { *ty } else { *oy };
-        let answered = f32::from(u8::from(theirs >= floor2));
-        *mx = mx.max(answered);
-        *my = my.max(answered);
     }
 }

@@ -1,7 +1,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::{Part, card::Model};
+use crate::{Limb, Part, Skeleton, card::Model};
 
 fn plan(width: usize, height: usize) -> TargetPlan {
     let limbs = Model::builtin_cards().into_iter().find_map(|c| c.openpose).unwrap().limbs;
@@ -143,6 +143,9 @@ proptest! {
         let (pcm_t, paf_t) = (noise(base.pcm.len()), noise(base.paf.len()));
         let mut fused = base.clone();
         plan.fuse(&mut fused, &pcm_t, &paf_t, 0.1).unwrap();
+        let mut together = Maps::default();
+        plan.encode_fused_into(&labels, &pcm_t, &paf_t, 0.1, &mut together).unwrap();
+        prop_assert_eq!(&together, &fused);
         for b in 0..2 {
             for cell in 0..64 {
                 let mut most = 0.0_f32;
@@ -198,6 +201,9 @@ fn wrong_lengths_states_and_nan_are_refused_by_name() {
     let labels = Labels { batch: 1, people: 1, joints_px: &joints, states: &states, boxes_px: &boxes };
     assert!(matches!(plan.encode(&Labels { batch: 2, ..labels }), Err(Error::Length { what: "joints_px", .. })));
     assert!(plan.encode(&Labels { states: &[4; 18], ..labels }).is_err());
+    assert!(plan.encode_fused_into(&labels, &[], &[], 0.1, &mut Maps::default()).is_err());
+    assert!(plan.encode_fused_into(&labels, &[0.0; 1216], &[0.0; 2432], f32::NAN, &mut Maps::default()).is_err());
+    assert!(plan.encode_fused_into(&labels, &[0.0; 1216], &[0.0; 2432], 0.1, &mut Maps::default()).is_ok());
     let mut nan = joints.clone();
     nan[7] = f32::NAN;
     assert!(plan.encode(&Labels { joints_px: &nan, ..labels }).is_err());
