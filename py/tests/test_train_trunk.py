@@ -19,7 +19,7 @@ from torch.nn import functional  # noqa: E402
 
 from ogg_rs.train.skeleton import OPENPOSE18, PARTS  # noqa: E402
 from ogg_rs.train.targets import State  # noqa: E402
-from ogg_rs.train.trunk import FEATURES, building, fitting, tfjs  # noqa: E402
+from ogg_rs.train.trunk import FEATURES, building, features, tfjs  # noqa: E402
 from ogg_rs.train.trunk.head import Head  # noqa: E402
 
 
@@ -158,10 +158,10 @@ def test_labels_follow_the_trunk_where_it_is_near_and_sure_and_stay_exact_elsewh
     offset = np.full((34, 64, 64), 0.25, np.float32)
     heat[10, 26, 24] = 2.0  # right wrist of COCO, sure, at y = 105, x = 97
     heat[9, 26, 24] = -2.0  # left wrist, unsure
-    moved = fitting.snapped(joints, states, heat, offset)
+    moved = features.snapped(joints, states, heat, offset)
     assert moved[0, right].tolist() == [97.0, 105.0]
     assert moved[0, left].tolist() == [100.0, 100.0]
-    far = fitting.snapped(joints + 60, states, heat, offset)
+    far = features.snapped(joints + 60, states, heat, offset)
     assert far[0, right].tolist() == [160.0, 160.0]
 
 

@@ -14,6 +14,7 @@ from typing import Protocol
 
 import numpy as np
 import torch
+from PIL import Image
 from torch import Tensor
 
 from . import augment, targets
@@ -64,6 +65,29 @@ class Joined:
     def __getitem__(self, i: int) -> Sample:
         pictures, k = self._index[i]
         return pictures[k]
+
+    def visible(self, i: int) -> np.ndarray:
+        """Which joints `(people, parts)` of a picture are marked visible."""
+        pictures, k = self._index[i]
+        return pictures.visible(k)
+
+
+def beside(left: Sample, right: Sample) -> Sample:
+    """Two pictures as one, the second brought to the height of the first and set to its right, with the people of both."""
+    height = left.image.size[1]
+    ratio = height / right.image.size[1]
+    other = right.image.resize((round(ratio * right.image.size[0]), height), Image.Resampling.BILINEAR)
+    both = Image.new("RGB", (left.image.size[0] + other.size[0], height))
+    both.paste(left.image, (0, 0))
+    both.paste(other, (left.image.size[0], 0))
+    scale = np.array([other.size[0] / right.image.size[0], ratio], np.float32)
+    shift = np.array([left.image.size[0], 0], np.float32)
+    return Sample(
+        both,
+        np.concatenate((left.joints_px, right.joints_px * scale + shift)),
+        np.concatenate((left.states, right.states)),
+        np.concatenate((left.boxes_px, right.boxes_px * np.tile(scale, 2) + np.tile(shift, 2))),
+    )
 
 
 def stack_people(

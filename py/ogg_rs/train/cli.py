@@ -53,6 +53,7 @@ def parser() -> argparse.ArgumentParser:
     people.add_argument("--size", type=size, default=(288, 256), metavar="WxH")
     people.add_argument("--backgrounds", type=Path, metavar="DIR", help="photographs to render before; else drawn rooms")
     people.add_argument("--second", type=float, default=0.15, help="share of pictures with a second person")
+    people.add_argument("--sewing", action="store_true", help="only workers at a table, with fabric over their hands")
 
     fit = commands.add_parser("fit", help="train a network; run again with the same options to resume")
     fit.add_argument("--network", choices=["ogg-lite", "ogg-vgg"], default="ogg-lite")
@@ -92,11 +93,28 @@ def parser() -> argparse.ArgumentParser:
     trunk.add_argument("--data", type=weighted, nargs="+", metavar="DIR[*N]", help="folders with annotations.json (--fit)")
     trunk.add_argument("--trunk", type=Path, metavar="DIR", help="folder of an earlier --fetch, or one to fetch into")
     trunk.add_argument("--run", type=Path, help="the --out folder of --fit (--export)")
-    trunk.add_argument("--epochs", type=int, default=14, help="of the second stage; 0: only the first, which is solved for")
-    trunk.add_argument("--batch", type=int, default=24)
+    trunk.add_argument("--first", type=Path, metavar="CHECKPOINT", help="take the first stage from this instead of solving for it")
+    trunk.add_argument("--epochs", type=int, default=20, help="of the second stage; 0: only the first, which is solved for")
+    trunk.add_argument("--batch", type=int, default=16)
     trunk.add_argument("--changes", type=int, default=2, help="changed copies of each picture")
+    trunk.add_argument("--smallest", type=float, default=0.4, help="smallest size of a changed picture: people far away")
+    trunk.add_argument("--pairs", type=float, default=0.3, help="share of pictures that get another one beside them")
+    trunk.add_argument("--drapes", type=float, default=0.25, help="share of arms that get fabric over the forearm")
     trunk.add_argument("--seed", type=int, default=0)
     trunk.add_argument("--threads", type=int, default=1)
+
+    study = commands.add_parser(
+        "fusion-study",
+        help="what label fusion (3) does to covered arms: base, fused, exact and draped labels, several seeds, a table and pictures",
+    )
+    study.add_argument("--data", type=Path, nargs="+", required=True, metavar="DIR",
+                       help="rendered pictures; every second one teaches the teacher, the others the students")  # fmt: skip
+    study.add_argument("--test", type=Path, required=True, metavar="DIR", help="`people --sewing` of another seed")
+    study.add_argument("--trunk", type=Path, required=True, metavar="DIR", help="folder of the public trunk, fetched if it is empty")
+    study.add_argument("--out", type=Path, required=True, help="features, runs, results.json; the same command again resumes")
+    study.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3])
+    study.add_argument("--threads", type=int, default=1)
+    study.add_argument("--pictures", type=Path, metavar="FILE.jpg", help="before and after, side by side")
 
     evaluate = commands.add_parser("eval", help="PCK of an exported network on a data set or on real recordings")
     evaluate.add_argument("--model", type=Path, required=True, help="an .onnx with its card (.toml) beside it")

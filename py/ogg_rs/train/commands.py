@@ -106,8 +106,9 @@ def render_people(options: argparse.Namespace) -> None:
     from .people import write
 
     write(
-        options.out, options.count, options.seed, size=options.size, backgrounds=options.backgrounds, second=options.second
-    )
+        options.out, options.count, options.seed, size=options.size, backgrounds=options.backgrounds, second=options.second,
+        sewing=options.sewing,
+    )  # fmt: skip
 
 
 def trunk(options: argparse.Namespace) -> None:
@@ -128,11 +129,12 @@ def trunk(options: argparse.Namespace) -> None:
         if not options.data:
             raise ValueError("--data: expected folders to train on")
         params = fitting.HeadParams(
-            epochs=options.epochs, batch=options.batch, changes=options.changes, seed=options.seed, threads=options.threads
-        )
+            epochs=options.epochs, batch=options.batch, changes=options.changes, smallest=options.smallest, pairs=options.pairs,
+            drapes=options.drapes, seed=options.seed, threads=options.threads,
+        )  # fmt: skip
         pictures = Joined([(CocoKeypoints(path), times) for path, times in options.data])
         print(f"ogg-trunk: {len(pictures)} pictures, {params.changes} changes of each, {params.epochs} epochs")
-        fitting.fit_head(pictures, model, params, options.out)
+        fitting.fit_head(pictures, model, params, options.out, first=options.first)
         return
     if options.run is None:
         raise ValueError("--run: expected the folder of a --fit")
@@ -142,6 +144,23 @@ def trunk(options: argparse.Namespace) -> None:
     stages = 2 if state["step"] > 0 else 1
     building.export_head(head.eval(), options.out, model, stages=stages)
     print(f"{options.out}: {options.out.stat().st_size} bytes, {stages} stage{'s' if stages > 1 else ''}")
+
+
+def fusion_study(options: argparse.Namespace) -> None:
+    """`fusion-study`."""
+    from .trunk import building, study
+
+    prepared = study.prepare(options.out, options.data, options.test, building.fetch(options.trunk), threads=options.threads)
+    truth = prepared.truth
+    print(
+        f"{prepared.students.pictures} pictures for students, {prepared.teachers.pictures} for the teacher, {len(truth.rows)} to judge with "
+        f"{int(truth.fabric.sum())} arm joints under fabric"
+    )
+    results = prepared.run(options.seeds)
+    print(study.table(results))
+    if options.pictures:
+        columns = ["empty", "empty, fused", "masked, draped, fused"]
+        study.pictures(prepared, CocoKeypoints(options.test), columns, options.seeds[0], options.pictures)
 
 
 def load_answer(path: Path) -> tuple[real.Answer, tuple[int, int]]:
@@ -257,6 +276,7 @@ RUN: dict[str, Callable[[argparse.Namespace], None]] = {
     "eval": score_model,
     "people": render_people,
     "trunk": trunk,
+    "fusion-study": fusion_study,
     "quantise": quantise.run,
     "describe": describe,
 }

@@ -68,18 +68,20 @@ def upward_faces(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.i
 class Studio:
     """Renders shots of one size."""
 
-    def __init__(self, size: tuple[int, int], backgrounds: look.Backgrounds, *, second: float) -> None:
+    def __init__(
+        self, size: tuple[int, int], backgrounds: look.Backgrounds, *, second: float, sewing: bool = False
+    ) -> None:
         self._gl = load_renderer()
         import trimesh
 
         self._trimesh = trimesh
-        self.size, self.backgrounds, self.second = size, backgrounds, second
+        self.size, self.backgrounds, self.second, self.sewing = size, backgrounds, second, sewing
         self._renderer = self._gl.OffscreenRenderer(*size)
 
     def shot(self, rng: np.random.Generator) -> Shot:
         """The next picture of this generator."""
         gl, figure = self._gl, body()
-        worker = rng.random() < 0.6
+        worker = bool(rng.random() < 0.6) or self.sewing
         posed = [figure.sample(rng, worker=worker)]
         if rng.random() < self.second:
             posed.append(self._beside(rng, posed[0], figure.sample(rng, worker=rng.random() < 0.4)))
@@ -87,7 +89,7 @@ class Studio:
         for person in posed:
             scene.add(gl.Mesh([self._dressed(rng, person)]))
         cloth = None
-        if worker and rng.random() < 0.92:
+        if worker and (rng.random() < 0.92 or self.sewing):
             cloth = self._bench(rng, scene, posed[0])
         for _ in range(int(rng.integers(0, 4))):
             at = posed[0].joints[[5, 6]].mean(0) + (rng.uniform(-1.4, 1.4), rng.uniform(0.15, 1.8), rng.uniform(-1.2, 0.5))
@@ -181,7 +183,7 @@ class Studio:
         if rng.random() < 0.5:
             hips = person.joints[[11, 12]].mean(0)
             self._box(rng, scene, (u(0.4, 0.6), 0.06, 0.6), hips + (0, 0.22, 0.3), 0)
-        if rng.random() < 0.22:
+        if rng.random() < 0.22 and not self.sewing:
             return None
         cloth = self._cloth(rng, person, top, work)
         scene.add(cloth)
@@ -205,7 +207,7 @@ class Studio:
         cx, cy = work[0] + u(-0.18, 0.18), work[1] + u(-0.15, 0.12)
         x, y = np.meshgrid(np.linspace(cx - wide / 2, cx + wide / 2, n), np.linspace(cy - deep / 2, cy + deep / 2, n))
         z = np.full((n, n), top + 0.006, np.float32)
-        if rng.random() < 0.65:
+        if rng.random() < 0.65 or self.sewing:
             over = person.vertices - (cx - wide / 2, cy - deep / 2, 0)
             near = (over[:, :2] > 0).all(1) & (over[:, 0] < wide) & (over[:, 1] < deep) & (np.abs(over[:, 2] - top - 0.07) < 0.1)
             column, row = (np.rint(over[near, k] / span * (n - 1)).astype(int) for k, span in ((0, wide), (1, deep)))

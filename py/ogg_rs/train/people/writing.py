@@ -43,17 +43,19 @@ def describe(person: Person, size: tuple[int, int]) -> dict:
 
 
 def write(
-    root: Path, count: int, seed: int, *, size: tuple[int, int] = (288, 256), backgrounds: Path | None = None, second: float = 0.15
-) -> None:
+    root: Path, count: int, seed: int, *, size: tuple[int, int] = (288, 256), backgrounds: Path | None = None,
+    second: float = 0.15, sewing: bool = False,
+) -> None:  # fmt: skip
     """Renders what is missing of `count` pictures, then writes `annotations.json` and `extras.json`.
 
-    Picture `i` depends on `(seed, i)` alone, apart from the packages and backgrounds used.
+    Picture `i` depends on `(seed, i)` alone, apart from the packages and backgrounds used. With `sewing` everybody in front sits at
+    a table with fabric over the hands.
     """
     for folder in ("images", "labels"):
         (root / folder).mkdir(parents=True, exist_ok=True)
     missing = [i for i in range(count) if not (root / f"labels/{i:06}.json").is_file()]
     if missing:
-        studio = Studio(size, Backgrounds(backgrounds), second=second)
+        studio = Studio(size, Backgrounds(backgrounds), second=second, sewing=sewing)
         bar = tqdm(missing, desc="people", unit="img", initial=count - len(missing), total=count)
         for i in bar:
             _keep(studio.shot(np.random.default_rng((seed, 7, i))), root, i, size)

@@ -106,7 +106,7 @@ def export_head(network: Head, path: Path, trunk_model: Path, *, stages: int = 2
 
     example = tuple(torch.zeros(1, channels, side, side) for _, channels, side in FEATURES.values())
     path.parent.mkdir(parents=True, exist_ok=True)
-    trace(LastStage(folded if stages == 2 else FirstStage(folded)).eval(), example, path, list(FEATURES))
+    trace(LastStage(folded if stages > 1 else FirstStage(folded)).eval(), example, path, list(FEATURES))
     proto = onnx.load(path)
     answer = _run(join(proto, trunk_model))
     for key, value in (
