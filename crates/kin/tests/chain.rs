@@ -107,11 +107,13 @@ fn random_within(chain: &Chain, random: &mut ChaCha8Rng) -> Vec<f64> {
 fn inverse_kinematics_finds_every_reachable_pose() {
     let chain = arm();
     let mut random = ChaCha8Rng::seed_from_u64(7);
+    let mut steps = 0;
     for _ in 0..2000 {
         let target = chain.fk(&random_within(&chain, &mut random));
         let mut q = random_within(&chain, &mut random);
         let report = chain.ik(&target, &IkOptions::default().method(IkMethod::Numeric), &mut q);
         assert_eq!(report.reason, IkReason::Reached, "{report:?}");
+        steps += report.iterations;
         let reached = chain.fk(&q);
         assert!((reached.translation.vector - target.translation.vector).norm() <= 1e-6);
         assert!(reached.rotation.angle_to(&target.rotation) <= 1.1e-6);
@@ -119,6 +121,68 @@ fn inverse_kinematics_finds_every_reachable_pose() {
             assert!(*value >= limits.lower && *value <= limits.upper);
         }
     }
+    // 18 on average; a hopeless attempt that is not abandoned takes 60.
+    assert!(steps < 2000 * 22, "{steps}");
+}
+
+#[test]
+fn a_seed_outside_the_limits_or_without_a_number_still_leads_within() {
+    let chain = arm();
+    let within = |q: &[f64]| q.iter().zip(chain.limits()).all(|(q, l)| *q >= l.lower && *q <= l.upper);
+    // Already there, but with joint 3 beyond 2.75 rad.
+    let beyond = [0.3, 1.2, 2.9, -1.1, 0.2, 0.0];
+    let mut q = beyond;
+    let report = chain.ik(&chain.fk(&beyond), &IkOptions::on_branch(), &mut q);
+    assert!(within(&q) && !report.reached(), "{report:?}");
+    let target = chain.fk(&[0.3, 1.2, -1.6, -1.1, 0.2, 0.0]);
+    for method in [IkMethod::Numeric, IkMethod::Auto] {
+        let mut q = [0.0, f64::NAN, -1.0, f64::INFINITY, 0.0, 0.0];
+        let report = chain.ik(&target, &IkOptions::default().method(method), &mut q);
+        assert!(report.reached() && within(&q), "{report:?}");
+    }
+}
+
+#[test]
+fn a_pose_out_of_reach_gets_the_best_of_all_attempts() {
+    let chain = arm();
+    let mut random = ChaCha8Rng::seed_from_u64(19);
+    let rho = IkOptions::default().rotation_weight_m_per_rad;
+    for _ in 0..10 {
+        let mut target = chain.fk(&random_within(&chain, &mut random));
+        target.translation.vector *= 1.6 / target.translation.vector.norm();
+        let mut solve = |options: &IkOptions| {
+            let mut q = random_within(&chain, &mut random);
+            let report = chain.ik(&target, options, &mut q);
+            (report.position_error_m.hypot(rho * report.rotation_error_rad), report.reason)
+        };
+        let (best, reason) = solve(&IkOptions::default());
+        assert!(reason == IkReason::OutOfReach || reason == IkReason::JointLimit, "{reason:?}");
+        for _ in 0..20 {
+            assert!(best <= solve(&IkOptions::on_branch().iterations(400)).0 + 1e-7);
+        }
+    }
+}
+
+#[test]
+fn the_closed_form_answers_only_what_it_can() {
+    let chain = arm();
+    let goal = [0.3, 1.2, -1.6, -1.1, 0.2, 0.0];
+    let target = chain.fk(&goal);
+    // On a branch the answer comes from the seed, step by step.
+    let mut q = [0.4, 1.1, -1.5, -1.0, 0.3, 0.1];
+    let report = chain.ik(&target, &IkOptions::on_branch(), &mut q);
+    assert!(report.reached() && report.iterations > 0);
+    // For a position alone a seed that is there already stays, however it is turned.
+    let mut turned = target;
+    turned.rotation = nalgebra::UnitQuaternion::identity();
+    let mut q = goal;
+    let report = chain.ik(&turned, &IkOptions::default().position_only(), &mut q);
+    assert!(report.reached());
+    assert_eq!(q, goal);
+    // No answer is within a tolerance that rounding exceeds.
+    let mut q = [0.4, 1.1, -1.5, -1.0, 0.3, 0.1];
+    let report = chain.ik(&target, &IkOptions::default().tolerances(-1.0, -1.0), &mut q);
+    assert!(!report.reached(), "{report:?}");
 }
 
 #[test]
@@ -151,6 +215,38 @@ fn a_position_out_of_reach_gets_the_stretched_arm() {
     assert!((report.position_error_m - 2.0).abs() < 1e-9);
 }
 
+/// At the edge of the workspace `J` loses a rank, and Gauss-Newton alone creeps: only the curvature of the motion makes the
+/// error that is left shrink quadratically.
+#[test]
+fn the_nearest_pose_at_the_edge_of_the_workspace_is_found_in_few_steps() {
+    let chain = Robot::builtin().chain("base_link", "link_4").unwrap();
+    let mut random = ChaCha8Rng::seed_from_u64(5);
+    for _ in 0..200 {
+        let direction = Vector3::new(random.random_range(0.5..1.0), random.random_range(-0.5..0.5), 0.6).normalize();
+        let target = Isometry3::from_parts((direction * 2.0).into(), nalgebra::UnitQuaternion::identity());
+        let mut q =
+            [random.random_range(-0.5..0.5), random.random_range(0.3..0.9), random.random_range(-0.6..-0.2), 0.0];
+        let report = chain.ik(&target, &IkOptions::on_branch().position_only(), &mut q);
+        assert_eq!(report.reason, IkReason::OutOfReach, "{report:?}");
+        assert!(report.iterations <= 25, "{report:?}");
+        // Straight towards the target.
+        let elbow_rad = q[2];
+        assert!(elbow_rad.abs() < 1e-6, "{q:?}");
+    }
+}
+
+#[test]
+fn the_budget_of_iterations_ends_the_search() {
+    let chain = arm();
+    let target = chain.fk(&[0.3, 1.2, -1.6, -1.1, 0.2, 0.0]);
+    for budget in [0, 1, 3] {
+        let mut q = [2.0, 2.0, 1.0, 0.0, 1.0, 0.0];
+        let options = IkOptions::default().method(IkMethod::Numeric).iterations(budget);
+        let report = chain.ik(&target, &options, &mut q);
+        assert_eq!((report.reason, report.iterations), (IkReason::Budget, budget));
+    }
+}
+
 #[test]
 fn a_target_behind_a_joint_limit_ends_at_the_limit() {
     let robot = Robot::builtin();
@@ -179,6 +275,7 @@ fn the_caller_can_end_the_search() {
     let mut left = 3;
     let report = chain.ik_while(&target, &IkOptions::default().method(IkMethod::Numeric), &mut q, &mut || {
         left -= 1;
+        assert!(left >= -1, "asked again after no");
         left >= 0
     });
     assert_eq!((report.reason, report.iterations), (IkReason::Budget, 3));
@@ -253,4 +350,26 @@ fn a_path_into_the_stretched_elbow_ends_before_it() {
         assert!(chain.dexterity(&q).condition <= ladder.stop, "{}", chain.dexterity(&q).condition);
     }
     assert!(slowed > 0);
+}
+
+#[test]
+fn a_step_uses_its_part_of_the_joint_speed_and_no_part_that_makes_no_sense() {
+    let chain = arm();
+    let start = [0.0, 1.2, -1.6, -1.1, 0.1, 0.0];
+    let target = chain.fk(&[0.5, 1.3, -1.7, -1.1, 0.1, 0.0]);
+    let follow = |part: f64, dt_s: f64| {
+        let mut q = start;
+        chain.follow_pose(&target, dt_s, &FollowOptions::default().speed_fraction(part), &mut q).map(|_| q)
+    };
+    for part in [1.0, 0.25] {
+        // Joint 1 has the longest way, at 3 rad/s.
+        assert!((follow(part, 0.005).unwrap()[0] - part * 3.0 * 0.005).abs() < 1e-12);
+    }
+    for (part, dt_s) in
+        [(0.0, 0.005), (1.5, 0.005), (f64::NAN, 0.005), (1.0, 0.0), (1.0, f64::NAN), (1.0, f64::INFINITY)]
+    {
+        assert!(matches!(follow(part, dt_s), Err(Error::Domain { .. })), "{part} {dt_s}");
+    }
+    let ladder = FollowOptions::default().ladder;
+    assert!((ladder.scale(40.0, 39.0) - 1.0).abs() < 1e-12 && ladder.scale(25.0, 40.0).abs() < 1e-12);
 }

@@ -165,6 +165,13 @@ fn a_pixel_above_the_horizon_does_not_look_at_the_bench() {
     let below = camera.lift_to_plane(&Point2::new(960.0, 540.0), 1.0, 5.0, 0.0);
     assert!(matches!(below, Err(Error::PlaneMissed { .. })));
     assert!(camera.lift_to_plane(&Point2::new(960.0, 540.0), -1.0, 0.0, 0.0).is_err());
+    // On the bench 60 m away a ray falls by 0.02 rad and is lifted; 200 m away, by 0.006 rad, it says nothing.
+    let eye = camera.camera_from_world.inverse().translation.vector;
+    let inwards = Vector3::new(-eye.x, -eye.y, 0.0).normalize();
+    let on_bench = |away_m: f64| Point3::from(Vector3::new(eye.x, eye.y, 0.0) + inwards * away_m);
+    let lift = |point: &Point3<f64>| camera.lift_to_plane(&camera.project(point).unwrap(), 1.0, 0.0, 0.0);
+    assert!((lift(&on_bench(60.0)).unwrap().point_m - on_bench(60.0)).norm() < 1e-6);
+    assert!(matches!(lift(&on_bench(200.0)), Err(Error::PlaneMissed { .. })));
 }
 
 #[test]
@@ -238,7 +245,7 @@ fn the_depth_patch_reads_the_arm_and_not_the_bench_behind_it() {
     let depth_m = depth_scene(1.6);
     let image = DepthImage { depth_m: &depth_m, width_px: 64 };
     // Near the edge of the arm, where most of the patch sees the bench.
-    for u in [28.0, 32.0, 37.0, 38.0] {
+    for u in [25.0, 28.0, 32.0, 37.0, 38.0, 40.0] {
         let (depth, sigma) = DepthPatch::default().read(&image, &Point2::new(u, 24.0)).unwrap();
         assert!((depth - 0.9).abs() < 0.003, "{u}: {depth}");
         assert!((0.005..0.01).contains(&sigma));
@@ -269,4 +276,46 @@ fn the_depth_lift_is_as_uncertain_as_its_covariance_says() {
     }
     assert!((mean - 3.0).abs() < 0.16, "{mean}");
     assert!(camera.lift_with_depth(&Point2::new(9.0, 9.0), 1.0, 0.0, 0.1).is_err());
+    for (sigma_px, sigma_depth_m) in [(-1.0, 0.1), (f64::NAN, 0.1), (1.0, -0.1), (1.0, f64::INFINITY)] {
+        let refused = camera.lift_with_depth(&Point2::new(900.0, 500.0), sigma_px, 1.0, sigma_depth_m);
+        assert!(matches!(refused, Err(Error::Domain { .. })));
+    }
+}
+
+#[test]
+fn a_patch_with_too_few_readings_has_no_depth() {
+    // 17 of the 81 pixels of a patch are a fifth, rounded up.
+    for (readings, enough) in [(16, false), (17, true)] {
+        let mut depth_m = vec![0.0; 64 * 48];
+        for i in 0..readings {
+            depth_m[(20 + i / 9) * 64 + 28 + i % 9] = 0.8;
+        }
+        let read =
+            DepthPatch::default().read(&DepthImage { depth_m: &depth_m, width_px: 64 }, &Point2::new(32.0, 24.0));
+        match read {
+            Ok((depth, _)) => assert!(enough && (depth - 0.8).abs() < 1e-6),
+            Err(error) => assert!(!enough && matches!(error, Error::NoDepth { usable: 16, needed: 17, .. })),
+        }
+    }
+}
+
+#[test]
+fn the_depth_of_a_noisy_surface_is_as_uncertain_as_its_readings_say() {
+    let mut random = ChaCha8Rng::seed_from_u64(9);
+    let patch = {
+        let mut patch = DepthPatch::default();
+        patch.sigma_floor_m = 0.001;
+        patch
+    };
+    let (mut squares, mut told) = (0.0, 0.0);
+    for _ in 0..200 {
+        let depth_m: Vec<f32> = (0..81).map(|_| (1.2 + 0.02 * normal(&mut random)) as f32).collect();
+        let (depth, sigma) =
+            patch.read(&DepthImage { depth_m: &depth_m, width_px: 9 }, &Point2::new(4.0, 4.0)).unwrap();
+        squares += (depth - 1.2) * (depth - 1.2) / 200.0;
+        told += sigma * sigma / 200.0;
+    }
+    // A median is 1.25 times as uncertain as a mean; 200 trials tell a deviation to 5 %.
+    let ratio = f64::sqrt(squares / told);
+    assert!((0.85..1.4).contains(&ratio), "{ratio}");
 }

@@ -6,7 +6,10 @@
     reason = "tests: a panic is a failure, exact values are meant"
 )]
 
-use kin::{AngleRetarget, ArmAngles, ArmPoints, ReachStatus, Robot, ToolOrientation, Unwrap, WristRetarget, wrap_rad};
+use kin::{
+    AngleRetarget, ArmAngles, ArmPoints, Error, JointMap, ReachStatus, Robot, ToolOrientation, Unwrap, WristRetarget,
+    wrap_rad,
+};
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use proptest::prelude::*;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
@@ -128,6 +131,9 @@ fn the_wrist_is_scaled_by_arm_length_and_clamped_to_reach() {
     let near = map.apply(&with_wrist(0.055)).unwrap();
     assert!((near.base_from_tool.translation.vector - Vector3::new(0.0, 0.25, 0.14)).norm() < 1e-12);
     assert!(matches!(near.reach, ReachStatus::TooNear { .. }));
+    // A wrist on the shoulder has no direction; x is as good as any.
+    let none = map.apply(&with_wrist(0.0)).unwrap();
+    assert!((none.base_from_tool.translation.vector - Vector3::new(0.25, 0.0, 0.14)).norm() < 1e-12);
     assert!(map.apply(&with_wrist(f64::NAN)).is_none());
 }
 
@@ -161,4 +167,19 @@ fn impossible_arm_lengths_and_reaches_are_refused() {
     {
         assert!(build(arm_length_m, least, largest).is_err());
     }
+}
+
+#[test]
+fn what_is_no_number_is_refused_and_changes_nothing() {
+    let chain = Robot::builtin().chain("base_link", "tool0").unwrap();
+    let map = |joint: &str, scale: f64, offset_rad: f64| JointMap { joint: joint.to_owned(), scale, offset_rad };
+    let build = |scale: f64, offset_rad: f64| {
+        AngleRetarget::new(&chain, [map("joint2", 1.0, 0.0), map("joint3", scale, offset_rad), map("joint4", 1.0, 0.0)])
+    };
+    assert!(build(-1.0, 0.5).is_ok());
+    assert!(matches!(build(f64::NAN, 0.5), Err(Error::Domain { .. })));
+    assert!(matches!(build(-1.0, f64::INFINITY), Err(Error::Domain { .. })));
+    let mut unwrap = Unwrap::default();
+    assert_eq!((unwrap.next(3.0), unwrap.next(f64::NAN), unwrap.next(f64::INFINITY)), (Some(3.0), None, None));
+    assert!((unwrap.next(-3.0).unwrap() - (TAU - 3.0)).abs() < 1e-12);
 }

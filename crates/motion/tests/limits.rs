@@ -197,6 +197,8 @@ fn a_target_beyond_the_range_is_approached_to_the_limit_and_not_past_it() {
         offer(&mut tracker, &[(1e6, 1e6)]);
         tracker.update(Duration::from_millis(1)).unwrap();
         assert!(judge.see(tracker.states()[0], 0.001).worst() <= TOLERANCE);
+        // Not even by rounding.
+        assert!(tracker.states()[0].position_rad <= LIMITS.upper_rad);
     }
     let x = tracker.states()[0];
     assert!(LIMITS.upper_rad - x.position_rad < 1e-6, "{x:?}");

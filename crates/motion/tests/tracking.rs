@@ -294,6 +294,15 @@ fn targets_that_are_overtaken_or_of_wrong_shape_are_refused() {
     let long = [sample[0]; 21];
     let target = Target { horizon: &long, horizon_step: TICK, ..Target::new(0.0, &sample) };
     assert_eq!(tracker.offer(&target), Err(Error::HorizonTooLong { got: 21, capacity: 20 }));
+    let target = Target { horizon_step: Duration::from_micros(999), horizon: &long[..2], ..target };
+    assert!(matches!(tracker.offer(&target), Err(Error::InvalidParameter { field: "horizon_step", .. })));
+    let mut two = following(params(&[LIMITS; 2], 40.0), &[0.0, 0.0]);
+    let target = Target { horizon: &long[..3], horizon_step: TICK, ..Target::new(0.0, &long[..2]) };
+    assert!(matches!(two.offer(&target), Err(Error::Count { expected: 2, got: 1, .. })));
+    let plan = params(&[LIMITS; 2], 40.0).validate().unwrap();
+    assert!(matches!(plan.start(&[State::at_rest(0.0)]), Err(Error::Count { expected: 2, got: 1, .. })));
+    let wild = State { velocity_rad_s: f64::NAN, ..State::at_rest(0.0) };
+    assert!(matches!(plan.start(&[State::at_rest(0.0), wild]), Err(Error::NotFinite { joint: 1, .. })));
     assert_eq!(tracker.update(Duration::ZERO), Err(Error::ZeroStep));
 }
 
@@ -379,4 +388,140 @@ fn limits_without_room_or_number_are_refused() {
     assert!(matches!(params(&[], 40.0).validate(), Err(Error::Count { .. })));
     let refused = params(&[LIMITS], f64::NAN).validate();
     assert!(matches!(refused, Err(Error::InvalidParameter { field: "bandwidth_rad_s", .. })));
+}
+
+/// Judge: shape and speed of the limits themselves.
+#[test]
+fn the_reference_is_clipped_to_what_the_joints_may_do() {
+    let mut params = params(&[LIMITS], 40.0);
+    params.acceleration = AccelerationSource::Given;
+    let mut tracker = following(params, &[0.0]);
+    let mut reference = |position_rad: f64, velocity_rad_s: f64, acceleration_rad_s2: f64| {
+        tracker.update(TICK).unwrap();
+        let sample = Sample { position_rad, velocity_rad_s, acceleration_rad_s2: Some(acceleration_rad_s2) };
+        tracker.offer(&Target::new(-TICK_S, &[sample])).unwrap();
+        tracker.update(TICK).unwrap();
+        tracker.reference()[0]
+    };
+    // Beyond the range and on the way out: it rests at the limit.
+    let outside = reference(5.0, 2.0, 3.0);
+    assert!((outside.position_rad - 2.0).abs() < 1e-9);
+    assert!(outside.velocity_rad_s.abs() < 1e-12 && outside.acceleration_rad_s2.abs() < 1e-12);
+    // On the way in it moves on.
+    assert!((reference(5.0, -2.0, 0.0).velocity_rad_s + 2.0).abs() < 1e-12);
+    let fast = reference(0.0, -10.0, 3.0);
+    assert!((fast.velocity_rad_s + 3.0).abs() < 1e-9 && fast.acceleration_rad_s2.abs() < 1e-12, "{fast:?}");
+    assert!((reference(0.0, 0.0, 1e3).acceleration_rad_s2 - 20.0).abs() < 1e-9);
+}
+
+/// From 6 rad/s at a limit of 3: ramping to the full braking acceleration takes A / J and 0.4 rad/s, releasing it as much
+/// again, and the rest goes at A.
+#[test]
+fn too_high_a_speed_is_braked_to_the_limit_in_the_shortest_time() {
+    let start = State { velocity_rad_s: 6.0, ..State::at_rest(-1.5) };
+    let mut tracker = params(&[LIMITS], 40.0).validate().unwrap().take_over(&[start]).unwrap();
+    let shortest_s = 20.0 / 500.0 + (6.0 - 3.0 - 0.4) / 20.0;
+    let mut elapsed_s = 0.0;
+    while tracker.states()[0].velocity_rad_s > 3.0 {
+        // The target asks for more speed.
+        offer(&mut tracker, &[(1.9, 3.0)]);
+        let report = tracker.update(Duration::from_millis(1)).unwrap();
+        elapsed_s += 0.001;
+        assert!(report.recovering == 1 || elapsed_s > shortest_s - 0.041, "{report:?} after {elapsed_s} s");
+        assert!(elapsed_s < shortest_s + 0.003, "{:?}", tracker.states());
+    }
+}
+
+#[test]
+fn engaging_needs_one_measured_value_per_joint_and_forgets_earlier_targets() {
+    let mut tracker = params(&[LIMITS; 2], 40.0).validate().unwrap().start(&[State::at_rest(0.0); 2]).unwrap();
+    assert!(matches!(tracker.engage(&[0.0]), Err(Error::Count { expected: 2, got: 1, .. })));
+    offer(&mut tracker, &[(0.5, 0.0), (0.5, 0.0)]);
+    tracker.engage(&[0.0, 0.0]).unwrap();
+    for _ in 0..20 {
+        assert_eq!(tracker.update(TICK).unwrap().freshness, Freshness::None);
+    }
+    assert_eq!(tracker.states(), [State::at_rest(0.0); 2]);
+}
+
+#[test]
+fn a_stale_target_does_not_end_the_alignment() {
+    let mut tracker = params(&[LIMITS], 40.0).validate().unwrap().start(&[State::at_rest(0.0)]).unwrap();
+    tracker.engage(&[0.0]).unwrap();
+    tracker.offer(&Target::new(1.0, &[Sample::new(0.0, 0.0)])).unwrap();
+    for _ in 0..20 {
+        assert_eq!(tracker.update(TICK).unwrap().phase, Phase::Aligning);
+    }
+    offer(&mut tracker, &[(0.0, 0.0)]);
+    assert_eq!(tracker.update(TICK).unwrap().phase, Phase::Ramping);
+}
+
+#[test]
+fn after_the_alignment_the_speed_limit_rises_over_the_ramp() {
+    let mut tracker = params(&[LIMITS], 40.0).validate().unwrap().start(&[State::at_rest(-1.9)]).unwrap();
+    tracker.engage(&[-1.9]).unwrap();
+    offer(&mut tracker, &[(-1.9, 0.0)]);
+    tracker.update(TICK).unwrap();
+    assert_eq!(tracker.phase(), Phase::Ramping);
+    // The target jumps to the other end at once.
+    let mut fastest = 0.0_f64;
+    for k in 1..=200 {
+        offer(&mut tracker, &[(1.9, 0.0)]);
+        tracker.update(TICK).unwrap();
+        let speed = tracker.states()[0].velocity_rad_s;
+        assert!(speed <= 0.3 + 2.7 * f64::from(k) * TICK_S, "{speed} in step {k}");
+        fastest = fastest.max(speed);
+    }
+    assert!(fastest > 1.5, "{fastest}");
+}
+
+/// Joint 0 could stop in 90 ms; together with joint 1 it would take twice as long and need twice the way.
+#[test]
+fn a_stop_together_does_not_carry_a_joint_over_its_wall() {
+    let start = [
+        State { velocity_rad_s: 1.0, ..State::at_rest(2.0 - 0.05) },
+        State { velocity_rad_s: 3.0, ..State::at_rest(-1.0) },
+    ];
+    let mut tracker = params(&[LIMITS; 2], 40.0).validate().unwrap().take_over(&start).unwrap();
+    tracker.stop();
+    for _ in 0..100 {
+        tracker.update(TICK).unwrap();
+        assert!(tracker.states()[0].position_rad <= 2.0, "{:?}", tracker.states());
+    }
+    assert!(tracker.is_at_rest());
+}
+
+/// The brake of joint 0 alone: 4 / 500 s to full acceleration, (3.1 + 256 / 1000) / 20 - 40 ms there, 40 ms of release.
+#[test]
+fn a_joint_that_is_too_fast_stops_in_its_own_shortest_time() {
+    let start = [
+        State { position_rad: -1.0, velocity_rad_s: 3.1, acceleration_rad_s2: -16.0 },
+        State { velocity_rad_s: 2.9, ..State::at_rest(-1.0) },
+    ];
+    let lame = JointLimits { acceleration_rad_s2: 10.0, ..LIMITS };
+    let mut tracker = params(&[LIMITS, lame], 40.0).validate().unwrap().take_over(&start).unwrap();
+    tracker.stop();
+    let shortest_s = 0.008 + (3.1 + 0.256) / 20.0 - 0.04 + 0.04;
+    for _ in 0..=(shortest_s * 1e3) as u32 {
+        tracker.update(Duration::from_millis(1)).unwrap();
+    }
+    assert!(tracker.states()[0].velocity_rad_s.abs() < 1e-9, "{:?}", tracker.states());
+    assert!(tracker.states()[1].velocity_rad_s > 0.5);
+}
+
+#[test]
+fn a_second_stop_changes_nothing() {
+    let start = [
+        State { position_rad: 0.0, velocity_rad_s: 1.0, acceleration_rad_s2: 7.0 },
+        State { velocity_rad_s: -2.5, ..State::at_rest(0.0) },
+    ];
+    let mut once = params(&[LIMITS; 2], 40.0).validate().unwrap().take_over(&start).unwrap();
+    once.stop();
+    let mut again = once.clone();
+    while !once.is_at_rest() {
+        again.stop();
+        once.update(TICK).unwrap();
+        again.update(TICK).unwrap();
+        assert_eq!(once.states(), again.states());
+    }
 }

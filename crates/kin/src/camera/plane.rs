@@ -56,12 +56,9 @@ impl Camera {
             return Err(missed("its ray runs along the plane"));
         }
         let distance_m = (height_m - ray.origin_m.z) / ray.direction.z;
-        if !(distance_m > 0.0) {
-            return Err(missed("the plane is behind the camera"));
-        }
         let point_m = ray.origin_m + ray.direction.into_inner() * distance_m;
         let (_, jacobian) =
-            self.project_with_jacobian(&point_m).ok_or_else(|| missed("the point is behind the camera"))?;
+            self.project_with_jacobian(&point_m).ok_or_else(|| missed("the plane is behind the camera"))?;
         let inverse = jacobian
             .fixed_columns::<2>(0)
             .into_owned()

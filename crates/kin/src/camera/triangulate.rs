@@ -95,6 +95,9 @@ pub struct Triangulated {
 /// Gauss-Newton steps; it ends when a step is below a nanometre, after three to five.
 const STEPS: usize = 20;
 
+/// Rounds in which views may join or leave.
+const ROUNDS: u32 = 3;
+
 /// Triangulates one point.
 ///
 /// # Errors
@@ -164,22 +167,21 @@ pub fn triangulate(views: &[View], options: &TriangulateOptions) -> Result<Trian
 
     let mut used = inliers(views, &point, options.gate_sigma);
     let mut normal = Matrix3::zeros();
-    for _ in 0..3 {
-        if used.iter().filter(|&&used| used).count() < 2 {
+    let mut rounds = 0;
+    let count = loop {
+        let count = used.iter().filter(|&&used| used).count();
+        if count < 2 {
             return Err(inconsistent(views, &point, options.gate_sigma));
+        }
+        if rounds == ROUNDS {
+            break count;
         }
         (point, normal) = gauss_newton(views, &used, point);
         let next = inliers(views, &point, options.gate_sigma);
-        if next == used {
-            break;
-        }
+        rounds = if next == used { ROUNDS } else { rounds + 1 };
         used = next;
-    }
-    let count = used.iter().filter(|&&used| used).count();
-    if count < 2 {
-        return Err(inconsistent(views, &point, options.gate_sigma));
-    }
-    let Some(covariance_m2) = normal.try_inverse().filter(|c| c.iter().all(|value| value.is_finite())) else {
+    };
+    let Some(covariance_m2) = normal.try_inverse() else {
         return Err(Error::ParallelRays { least_rad: options.least_angle_rad, largest_rad });
     };
     let mut chi2 = 0.0;
