@@ -368,7 +368,7 @@ fn a_step_uses_its_part_of_the_joint_speed_and_no_part_that_makes_no_sense() {
     for (part, dt_s) in
         [(0.0, 0.005), (1.5, 0.005), (f64::NAN, 0.005), (1.0, 0.0), (1.0, f64::NAN), (1.0, f64::INFINITY)]
     {
-        assert!(matches!(follow(part, dt_s), Err(Error::Domain { .. })), "{part} {dt_s}");
+        assert!(matches!(follow(part, dt_s), Err(kin::Error::Domain { .. })), "{part} {dt_s}");
     }
     let ladder = FollowOptions::default().ladder;
     assert!((ladder.scale(40.0, 39.0) - 1.0).abs() < 1e-12 && ladder.scale(25.0, 40.0).abs() < 1e-12);
