@@ -4,6 +4,16 @@ use crate::error::{Error, Result, check_len};
 use crate::trajectory::Trajectory;
 
 /// How two demonstrations may be matched.
+///
+/// ```
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// let params = gmr_core::DtwParams { column_weights: vec![4.0], ..Default::default() };
+/// let a = gmr_core::Trajectory::new(vec![0.0], vec![1.0], 1)?;
+/// let b = gmr_core::Trajectory::new(vec![0.0], vec![2.0], 1)?;
+/// assert_eq!(gmr_core::dtw(&a, &b, &params)?.cost, 4.0);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct DtwParams {
     /// Largest distance between matched samples, as a share of the longer demonstration (Sakoe-Chiba
@@ -21,6 +31,15 @@ impl Default for DtwParams {
 }
 
 /// A cheapest match of two demonstrations.
+///
+/// ```
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// let motion = gmr_core::Trajectory::new(vec![5.0, 6.0, 7.5], vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0], 2)?;
+/// let itself = gmr_core::dtw(&motion, &motion, &gmr_core::DtwParams::default())?;
+/// assert_eq!((itself.cost, itself.path.len()), (0.0, 3));
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Alignment {
     /// Sum of weighted squared distances along the path.

@@ -14,6 +14,17 @@ use crate::error::{Error, Result, check_len};
 use crate::trajectory::Trajectory;
 
 /// What a column, or a group of columns, of a demonstration is.
+///
+/// ```
+/// use gmr_core::{Chart, Coordinate, CoordinateKind, Trajectory};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// let motion = Trajectory::new(vec![0.0, 1.0], vec![7.0, 0.25, 8.0, 0.75], 2)?;
+/// let chart = Chart::fit(&[CoordinateKind::Linear, CoordinateKind::Angle], &[motion])?;
+/// let Coordinate::Angle { centre_rad } = chart.coordinates()[1] else { panic!() };
+/// assert!((centre_rad - 0.5).abs() < 1e-12);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CoordinateKind {
@@ -26,6 +37,17 @@ pub enum CoordinateKind {
 }
 
 /// A coordinate with the point its chart is centred on.
+///
+/// ```
+/// use gmr_core::{Chart, Coordinate};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// let chart = Chart::new(vec![Coordinate::Angle { centre_rad: 3.0 }])?;
+/// let mut back = [0.0];
+/// chart.decode_into(&[4.0], &mut back)?;
+/// assert!((back[0] - (4.0 - std::f64::consts::TAU)).abs() < 1e-12);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Coordinate {
@@ -151,6 +173,15 @@ impl CoordinateKind {
 impl Chart {
     /// A chart with given centres.
     ///
+    /// ```
+    /// use gmr_core::{Chart, Coordinate, Error};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// assert!(matches!(Chart::new(vec![]), Err(Error::TooFewSamples { needed: 1, .. })));
+    /// assert_eq!(Chart::new(vec![Coordinate::Linear])?.columns(), 1);
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
     /// # Errors
     /// No coordinate, a centre that is not finite, or a quaternion that is not of length one.
     pub fn new(coordinates: Vec<Coordinate>) -> Result<Self> {
@@ -174,6 +205,18 @@ impl Chart {
 
     /// Centres each angle and orientation on the mean of all demonstrations (circular mean; Karcher
     /// mean by repeated logarithms).
+    ///
+    /// ```
+    /// use gmr_core::{Chart, Coordinate, CoordinateKind, Trajectory};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// // The mean of 3 rad and -3 rad is a half turn.
+    /// let motion = Trajectory::new(vec![0.0, 1.0], vec![3.0, -3.0], 1)?;
+    /// let chart = Chart::fit(&[CoordinateKind::Angle], &[motion])?;
+    /// let Coordinate::Angle { centre_rad } = chart.coordinates()[0] else { panic!() };
+    /// assert!((centre_rad.abs() - std::f64::consts::PI).abs() < 1e-12);
+    /// # Ok(())
+    /// # }
+    /// ```
     ///
     /// # Errors
     /// No demonstration, columns that do not match `kinds`, or quaternions not of length one.
@@ -206,11 +249,27 @@ impl Chart {
     }
 
     /// The coordinates with their centres.
+    ///
+    /// ```
+    /// use gmr_core::{Chart, Coordinate};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// assert_eq!(Chart::new(vec![Coordinate::Linear])?.coordinates(), [Coordinate::Linear]);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn coordinates(&self) -> &[Coordinate] {
         &self.coordinates
     }
 
     /// Columns of a demonstration.
+    ///
+    /// ```
+    /// use gmr_core::{Chart, Coordinate};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// assert_eq!(Chart::new(vec![Coordinate::Rotation { centre: [1.0, 0.0, 0.0, 0.0] }])?.columns(), 4);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn columns(&self) -> usize {
         self.coordinates.iter().map(|c| if matches!(c, Coordinate::Rotation { .. }) { 4 } else { 1 }).sum()
     }
@@ -230,6 +289,18 @@ impl Chart {
     }
 
     /// A demonstration in flat coordinates, continuous along the motion.
+    ///
+    /// ```
+    /// use gmr_core::{Chart, Coordinate, Trajectory};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// let chart = Chart::new(vec![Coordinate::Rotation { centre: [1.0, 0.0, 0.0, 0.0] }])?;
+    /// // A quarter turn about z has the logarithm (0, 0, pi / 2).
+    /// let half = std::f64::consts::FRAC_1_SQRT_2;
+    /// let flat = chart.encode(&Trajectory::new(vec![0.0], vec![half, 0.0, 0.0, half], 4)?)?;
+    /// assert!((flat.values()[2] - std::f64::consts::FRAC_PI_2).abs() < 1e-12);
+    /// # Ok(())
+    /// # }
+    /// ```
     ///
     /// # Errors
     /// Columns that do not match, or quaternions not of length one.

@@ -5,6 +5,20 @@ use crate::gmm::{CovarianceKind, Mixture, MixtureParts, check_dimensions};
 use crate::regress::Regressor;
 
 /// A row whose hidden values have been filled in.
+///
+/// ```
+/// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Regressor, Samples};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// # let parts = MixtureParts {
+/// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.0, 0.0], covariances: vec![1.0, 0.8, 0.8, 1.0],
+/// # };
+/// let joint = Mixture::new(parts)?; // unit variances, correlation 0.8
+/// let filled = joint.fill(&[2.0, f64::NAN])?;
+/// assert_eq!(filled.hidden, [1]);
+/// assert!((filled.values[1] - 1.6).abs() < 1e-12 && (filled.covariance[0] - 0.36).abs() < 1e-12);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Filled {
     /// The row: observed values as they were, hidden ones at their conditional mean, `(d)`.

@@ -4,6 +4,12 @@ use crate::gmm::RestartReport;
 
 /// What went wrong, in three families: rejected input, numerical failure, and a model file that
 /// does not describe a model.
+///
+/// ```
+/// let refused = gmr_core::Samples::new(&[1.0, f64::INFINITY], 1).map(|s| s.len());
+/// let Err(error) = refused else { panic!() };
+/// assert_eq!(error.to_string(), "samples: value inf at index 1 is not finite");
+/// ```
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -130,6 +136,16 @@ pub enum Error {
 }
 
 /// Result with this crate's [`Error`].
+///
+/// ```
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// fn rows(values: &[f64]) -> gmr_core::Result<usize> {
+///     Ok(gmr_core::Samples::new(values, 2)?.len())
+/// }
+/// assert_eq!(rows(&[1.0, 2.0]), Ok(1));
+/// # Ok(())
+/// # }
+/// ```
 pub type Result<T> = std::result::Result<T, Error>;
 
 /// Largest magnitude of an input value: its square, times any sample count, stays finite.

@@ -22,6 +22,14 @@ use crate::error::{Error, Result};
 use crate::trajectory::Trajectory;
 
 /// What the index of equations (11)-(14) runs over.
+///
+/// ```
+/// use gmr_core::{Fusion, FusionReading};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// assert_eq!(Fusion::new(&[0.5], FusionReading::Literal)?.reading(), FusionReading::Literal);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FusionReading {
@@ -32,6 +40,14 @@ pub enum FusionReading {
 }
 
 /// What a fused fit needs beside the samples.
+///
+/// ```
+/// use gmr_core::{Fusion, FusionReading};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// assert_eq!(Fusion::new(&[0.5, 1.5], FusionReading::Components)?.errors(), [0.5, 1.5]);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fusion<'a> {
     errors: &'a [f64],
@@ -39,6 +55,19 @@ pub struct Fusion<'a> {
 }
 
 /// What fusion did in one M step.
+///
+/// ```
+/// use gmr_core::{Fusion, FusionReading, GmmParams, Samples};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// // One component supports itself: nothing changes.
+/// let fusion = Fusion::new(&[0.5, 1.0, 1.5], FusionReading::Components)?;
+/// let plan = GmmParams::default().validate()?;
+/// let report = plan.fit_fused(&Samples::new(&[0.0, 1.0, 2.0], 1)?, &fusion)?.1.fusion;
+/// let steps = report.map(|r| r.steps).unwrap_or_default();
+/// assert_eq!((steps[0].reliability[0], steps[0].omega[0], steps[0].largest_change), (1.0, 1.0, 0.0));
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FusionStep {
     /// `R_i`: per component, or of (mixture, ARIMA).
@@ -52,6 +81,19 @@ pub struct FusionStep {
 }
 
 /// What fusion did in a fit.
+///
+/// ```
+/// use gmr_core::{Fusion, FusionReading, GmmParams, Samples};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// // The literal reading multiplies all weights by one half, which normalising takes back.
+/// let fusion = Fusion::new(&[1.0, 1.0, 1.0], FusionReading::Literal)?;
+/// let plan = GmmParams::default().validate()?;
+/// let report = plan.fit_fused(&Samples::new(&[0.0, 1.0, 2.0], 1)?, &fusion)?.1.fusion;
+/// let step = report.and_then(|r| r.steps.into_iter().next()).ok_or(gmr_core::Error::TooFewSamples { what: "steps", needed: 1, got: 0 })?;
+/// assert_eq!((step.omega, step.mass, step.largest_change), (vec![0.5, 0.5], 0.5, 0.0));
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FusionReport {
     /// The reading used.
@@ -61,6 +103,18 @@ pub struct FusionReport {
 }
 
 /// ARIMA errors of demonstrations.
+///
+/// ```
+/// use gmr_core::{ArimaParams, Error, Trajectory, arima_errors};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// // A constant column has no ARIMA model and no error.
+/// let still = Trajectory::new((0..9).map(f64::from).collect(), vec![1.0; 9], 1)?;
+/// let found = arima_errors(&[still], &ArimaParams::default().validate()?)?;
+/// assert_eq!(found.errors[0], [0.0; 9]);
+/// assert!(matches!(found.columns[0][0], Err(Error::Degenerate { .. })));
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct ArimaErrors {
     /// Per demonstration and sample: the mean over columns of `|residual| / standard deviation`.
@@ -75,6 +129,12 @@ pub struct ArimaErrors {
 impl<'a> Fusion<'a> {
     /// One non-negative error per sample, in units of the residual's standard deviation.
     ///
+    /// ```
+    /// use gmr_core::{Fusion, FusionReading};
+    /// assert!(Fusion::new(&[-0.5], FusionReading::Components).is_err());
+    /// assert!(Fusion::new(&[f64::NAN], FusionReading::Components).is_err());
+    /// ```
+    ///
     /// # Errors
     /// A negative or non-finite error.
     pub fn new(errors: &'a [f64], reading: FusionReading) -> Result<Self> {
@@ -87,11 +147,27 @@ impl<'a> Fusion<'a> {
     }
 
     /// The errors.
+    ///
+    /// ```
+    /// use gmr_core::{Fusion, FusionReading};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// assert_eq!(Fusion::new(&[0.5, 1.5], FusionReading::Components)?.errors(), [0.5, 1.5]);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn errors(&self) -> &'a [f64] {
         self.errors
     }
 
     /// The reading.
+    ///
+    /// ```
+    /// use gmr_core::{Fusion, FusionReading};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// assert_eq!(Fusion::new(&[], FusionReading::Literal)?.reading(), FusionReading::Literal);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn reading(&self) -> FusionReading {
         self.reading
     }

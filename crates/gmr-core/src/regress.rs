@@ -85,6 +85,22 @@ fn groups_mut(v: &mut [f64]) -> &mut [[f64; LANES]] {
 }
 
 /// Result and working space of a query; made once by [`Regressor::prediction`], then reused.
+///
+/// ```
+/// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Regressor, Samples};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// # let parts = MixtureParts {
+/// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.0, 0.0], covariances: vec![1.0, 0.8, 0.8, 1.0],
+/// # };
+/// let joint = Mixture::new(parts)?; // unit variances, correlation 0.8
+/// let regressor = Regressor::new(&joint, &[0], &[1])?;
+/// let mut out = regressor.prediction();
+/// regressor.predict_with_jacobian_into(&[2.0], &mut out)?;
+/// // The line 0.8 x with the variance 1 - 0.8^2.
+/// assert!((out.mean()[0] - 1.6).abs() < 1e-12 && (out.covariance()[0] - 0.36).abs() < 1e-12);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Prediction {
     mean: Vec<f64>,
@@ -110,38 +126,142 @@ pub struct Prediction {
 
 impl Prediction {
     /// Conditional mean `m(x)`, `(d_o)`.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Regressor, Samples};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.0, 0.0], covariances: vec![1.0, 0.8, 0.8, 1.0],
+    /// # };
+    /// let joint = Mixture::new(parts)?; // unit variances, correlation 0.8
+    /// let regressor = Regressor::new(&joint, &[0], &[1])?;
+    /// let mut out = regressor.prediction();
+    /// regressor.predict_with_jacobian_into(&[2.0], &mut out)?;
+    /// assert!((out.mean()[0] - 1.6).abs() < 1e-12);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn mean(&self) -> &[f64] {
         &self.mean
     }
 
     /// Conditional covariance `V(x)`, `(d_o, d_o)`, exactly symmetric.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Regressor, Samples};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.0, 0.0], covariances: vec![1.0, 0.8, 0.8, 1.0],
+    /// # };
+    /// let joint = Mixture::new(parts)?; // unit variances, correlation 0.8
+    /// let regressor = Regressor::new(&joint, &[0], &[1])?;
+    /// let mut out = regressor.prediction();
+    /// regressor.predict_with_jacobian_into(&[2.0], &mut out)?;
+    /// assert!((out.covariance()[0] - 0.36).abs() < 1e-12);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn covariance(&self) -> &[f64] {
         &self.covariance
     }
 
     /// `dm/dx`, `(d_o, d_i)` row-major; with time as the only input, the velocity of the mean.
     /// Zero until [`Regressor::predict_with_jacobian_into`] has filled it.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Regressor, Samples};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.0, 0.0], covariances: vec![1.0, 0.8, 0.8, 1.0],
+    /// # };
+    /// let joint = Mixture::new(parts)?; // unit variances, correlation 0.8
+    /// let regressor = Regressor::new(&joint, &[0], &[1])?;
+    /// let mut out = regressor.prediction();
+    /// regressor.predict_with_jacobian_into(&[2.0], &mut out)?;
+    /// assert!((out.jacobian()[0] - 0.8).abs() < 1e-12);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn jacobian(&self) -> &[f64] {
         &self.jacobian
     }
 
     /// `b_n(x)`, `(k)`.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Regressor, Samples};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.0, 0.0], covariances: vec![1.0, 0.8, 0.8, 1.0],
+    /// # };
+    /// let joint = Mixture::new(parts)?; // unit variances, correlation 0.8
+    /// let regressor = Regressor::new(&joint, &[0], &[1])?;
+    /// let mut out = regressor.prediction();
+    /// regressor.predict_with_jacobian_into(&[2.0], &mut out)?;
+    /// assert_eq!(out.responsibilities(), [1.0]);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn responsibilities(&self) -> &[f64] {
         &self.responsibilities
     }
 
     /// `m_n(x)` of each component, `(k, d_o)` row-major.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Regressor, Samples};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.0, 0.0], covariances: vec![1.0, 0.8, 0.8, 1.0],
+    /// # };
+    /// let joint = Mixture::new(parts)?; // unit variances, correlation 0.8
+    /// let regressor = Regressor::new(&joint, &[0], &[1])?;
+    /// let mut out = regressor.prediction();
+    /// regressor.predict_with_jacobian_into(&[2.0], &mut out)?;
+    /// assert!((out.component_means()[0] - 1.6).abs() < 1e-12);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn component_means(&self) -> &[f64] {
         &self.component_means
     }
 
     /// `ln p(x)` of the inputs: how usual this query is.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Regressor, Samples};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.0, 0.0], covariances: vec![1.0, 0.8, 0.8, 1.0],
+    /// # };
+    /// let joint = Mixture::new(parts)?; // unit variances, correlation 0.8
+    /// let regressor = Regressor::new(&joint, &[0], &[1])?;
+    /// let mut out = regressor.prediction();
+    /// regressor.predict_with_jacobian_into(&[2.0], &mut out)?;
+    /// assert!((out.log_density() + 0.918_938_533_204_672_7 + 2.0).abs() < 1e-12); // ln N(2 | 0, 1)
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn log_density(&self) -> f64 {
         self.log_density
     }
 }
 
 /// Means and covariances of many queries.
+///
+/// ```
+/// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Regressor, Samples};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// # let parts = MixtureParts {
+/// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.0, 0.0], covariances: vec![1.0, 0.8, 0.8, 1.0],
+/// # };
+/// let joint = Mixture::new(parts)?; // unit variances, correlation 0.8
+/// let regressor = Regressor::new(&joint, &[0], &[1])?;
+/// let out = regressor.predict_batch(&Samples::new(&[0.0, 2.0], 1)?)?;
+/// assert!((out.means[1] - 1.6).abs() < 1e-12 && (out.covariances[1] - 0.36).abs() < 1e-12);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct BatchPrediction {
     /// `(n, d_o)` row-major.
@@ -184,6 +304,20 @@ impl WithSimd for Query<'_> {
 
 impl Regressor {
     /// Prepares `mixture` for regression of `outputs` on `inputs`; other dimensions are marginalised.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Regressor, Samples};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.0, 0.0], covariances: vec![1.0, 0.8, 0.8, 1.0],
+    /// # };
+    /// let joint = Mixture::new(parts)?; // unit variances, correlation 0.8
+    /// let regressor = Regressor::new(&joint, &[0], &[1])?;
+    /// assert!(Regressor::new(&joint, &[0], &[0]).is_err()); // on both sides
+    /// assert!((regressor.gain(0)[0] - 0.8).abs() < 1e-12);
+    /// # Ok(())
+    /// # }
+    /// ```
     ///
     /// # Errors
     /// An empty list, an index out of bounds, listed twice or on both sides, or a joint
@@ -261,21 +395,73 @@ impl Regressor {
     }
 
     /// The input dimensions, in query order.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Regressor, Samples};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.0, 0.0], covariances: vec![1.0, 0.8, 0.8, 1.0],
+    /// # };
+    /// let joint = Mixture::new(parts)?; // unit variances, correlation 0.8
+    /// let regressor = Regressor::new(&joint, &[0], &[1])?;
+    /// assert_eq!(regressor.inputs(), [0]);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn inputs(&self) -> &[usize] {
         &self.inputs
     }
 
     /// The output dimensions, in answer order.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Regressor, Samples};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.0, 0.0], covariances: vec![1.0, 0.8, 0.8, 1.0],
+    /// # };
+    /// let joint = Mixture::new(parts)?; // unit variances, correlation 0.8
+    /// let regressor = Regressor::new(&joint, &[0], &[1])?;
+    /// assert_eq!(regressor.outputs(), [1]);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn outputs(&self) -> &[usize] {
         &self.outputs
     }
 
     /// Number of components.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Regressor, Samples};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.0, 0.0], covariances: vec![1.0, 0.8, 0.8, 1.0],
+    /// # };
+    /// let joint = Mixture::new(parts)?; // unit variances, correlation 0.8
+    /// let regressor = Regressor::new(&joint, &[0], &[1])?;
+    /// assert_eq!(regressor.components(), 1);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn components(&self) -> usize {
         self.components
     }
 
     /// Gain `A_n = S_oi S_ii^-1` of one component, `(d_o, d_i)` row-major.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Regressor, Samples};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.0, 0.0], covariances: vec![1.0, 0.8, 0.8, 1.0],
+    /// # };
+    /// let joint = Mixture::new(parts)?; // unit variances, correlation 0.8
+    /// let regressor = Regressor::new(&joint, &[0], &[1])?;
+    /// assert!((regressor.gain(0)[0] - 0.8).abs() < 1e-12);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn gain(&self, component: usize) -> Vec<f64> {
         let (di, dout) = (self.inputs.len(), self.outputs.len());
         let at = |o: usize, j: usize| self.gains[(component * di + j) * self.width + o];
@@ -283,12 +469,40 @@ impl Regressor {
     }
 
     /// Conditional covariance `C_n` of one component, `(d_o, d_o)`.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Regressor, Samples};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.0, 0.0], covariances: vec![1.0, 0.8, 0.8, 1.0],
+    /// # };
+    /// let joint = Mixture::new(parts)?; // unit variances, correlation 0.8
+    /// let regressor = Regressor::new(&joint, &[0], &[1])?;
+    /// assert!((regressor.component_covariance(0)[0] - 0.36).abs() < 1e-12);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn component_covariance(&self, component: usize) -> &[f64] {
         let dout = self.outputs.len();
         &self.covariances[component * dout * dout..(component + 1) * dout * dout]
     }
 
     /// Space for the results and the work of a query. The only allocation of a regression.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Regressor, Samples};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.0, 0.0], covariances: vec![1.0, 0.8, 0.8, 1.0],
+    /// # };
+    /// let joint = Mixture::new(parts)?; // unit variances, correlation 0.8
+    /// let regressor = Regressor::new(&joint, &[0], &[1])?;
+    /// let mut out = regressor.prediction();
+    /// regressor.predict_into(&[-1.0], &mut out)?;
+    /// assert!((out.mean()[0] + 0.8).abs() < 1e-12);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn prediction(&self) -> Prediction {
         let (k, di, dout) = (self.components, self.inputs.len(), self.outputs.len());
         Prediction {

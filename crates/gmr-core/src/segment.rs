@@ -8,6 +8,11 @@ use crate::error::{Error, Result};
 use crate::trajectory::Trajectory;
 
 /// A piece of a demonstration between two boundaries.
+///
+/// ```
+/// let element = gmr_core::MotionElement { start_s: 0.5, end_s: 2.0 };
+/// assert_eq!(element.duration_s(), 1.5);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct MotionElement {
     /// Where it begins, on the demonstration's clock.
@@ -18,11 +23,24 @@ pub struct MotionElement {
 
 impl MotionElement {
     /// Its length.
+    ///
+    /// ```
+    /// assert_eq!(gmr_core::MotionElement { start_s: 0.5, end_s: 2.0 }.duration_s(), 1.5);
+    /// ```
     pub fn duration_s(&self) -> f64 {
         self.end_s - self.start_s
     }
 
     /// Indices of the samples within `margin_s` of the element.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// let motion = gmr_core::Trajectory::new(vec![5.0, 6.0, 7.5], vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0], 2)?;
+    /// let element = gmr_core::MotionElement { start_s: 6.0, end_s: 7.0 };
+    /// assert_eq!((element.range(&motion, 0.0), element.range(&motion, 1.0)), (1..2, 0..3));
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn range(&self, trajectory: &Trajectory, margin_s: f64) -> Range<usize> {
         let times = trajectory.times_s();
         // Half a nanosecond absorbs the rounding of `i * period` against the sample clock.
@@ -32,6 +50,15 @@ impl MotionElement {
     }
 
     /// Rows `(t - start, h)` of the samples within `margin_s` of the element, `(m, 1 + d)`.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// let motion = gmr_core::Trajectory::new(vec![5.0, 6.0, 7.5], vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0], 2)?;
+    /// let element = gmr_core::MotionElement { start_s: 5.5, end_s: 7.0 };
+    /// assert_eq!(element.samples(&motion, 0.0), [0.5, 3.0, 4.0]);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn samples(&self, trajectory: &Trajectory, margin_s: f64) -> Vec<f64> {
         let range = self.range(trajectory, margin_s);
         let mut rows = Vec::with_capacity(range.len() * (trajectory.dim() + 1));
@@ -72,6 +99,16 @@ pub fn segment_fixed(trajectory: &Trajectory, period_s: f64) -> Result<Vec<Motio
 }
 
 /// When a motion counts as at rest.
+///
+/// ```
+/// use gmr_core::{Error, RestParams, Trajectory, segment_at_rest};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// let line = Trajectory::new(vec![0.0, 1.0], vec![0.0, 1.0], 1)?;
+/// let refused = segment_at_rest(&line, &RestParams { speed: 0.0, shortest_s: 0.2 });
+/// assert_eq!(refused, Err(Error::InvalidParameter { name: "speed", allowed: "(0, inf)", value: 0.0 }));
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RestParams {
@@ -135,6 +172,18 @@ pub fn segment_at_rest(trajectory: &Trajectory, params: &RestParams) -> Result<V
 }
 
 /// How change points are found.
+///
+/// ```
+/// use gmr_core::{ChangePointParams, Trajectory, segment_change_points};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// let times: Vec<f64> = (0..=20).map(f64::from).collect();
+/// let bent = Trajectory::new(times.clone(), times.iter().map(|t| (t - 10.0).abs()).collect(), 1)?;
+/// // A cut that costs more than the bend explains is not made.
+/// let params = ChangePointParams { sigma: 1.0, penalty: Some(1e6), shortest: 3 };
+/// assert_eq!(segment_change_points(&bent, &params)?.len(), 1);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ChangePointParams {

@@ -20,6 +20,21 @@ use crate::segment::MotionElement;
 use crate::trajectory::Trajectory;
 
 /// One learned element: where it lies and its mixture over `(t - start, h)`.
+///
+/// ```
+/// # use gmr_core::{CovarianceKind, ElementModel, ElementSequence, ElementSequenceParts, Mixture, MixtureParts, MotionElement, Phase};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// # let mixture = Mixture::new(MixtureParts {
+/// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.5, 1.0], covariances: vec![1.0, 2.0, 2.0, 5.0],
+/// # })?;
+/// # let element = MotionElement { start_s: 0.0, end_s: 1.0 };
+/// // One element of a second, on the line 1 + 2 (t - 0.5) with variance 1.
+/// let parts = ElementSequenceParts { elements: vec![ElementModel { element, mixture }], blend_s: 0.0 };
+/// let sequence = ElementSequence::new(parts)?;
+/// assert_eq!(sequence.parts().elements[0].element.duration_s(), 1.0);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ElementModel {
@@ -30,6 +45,21 @@ pub struct ElementModel {
 }
 
 /// The numbers of an [`ElementSequence`], as stored in a model file.
+///
+/// ```
+/// # use gmr_core::{CovarianceKind, ElementModel, ElementSequence, ElementSequenceParts, Mixture, MixtureParts, MotionElement, Phase};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// # let mixture = Mixture::new(MixtureParts {
+/// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.5, 1.0], covariances: vec![1.0, 2.0, 2.0, 5.0],
+/// # })?;
+/// # let element = MotionElement { start_s: 0.0, end_s: 1.0 };
+/// // One element of a second, on the line 1 + 2 (t - 0.5) with variance 1.
+/// let parts = ElementSequenceParts { elements: vec![ElementModel { element, mixture }], blend_s: 0.0 };
+/// let sequence = ElementSequence::new(parts)?;
+/// assert_eq!(sequence.parts().blend_s, 0.0);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ElementSequenceParts {
@@ -42,6 +72,21 @@ pub struct ElementSequenceParts {
 /// Learned elements in order, with the width of the joints between them.
 ///
 /// Serialises as [`ElementSequenceParts`] and is checked again when read back.
+///
+/// ```
+/// # use gmr_core::{CovarianceKind, ElementModel, ElementSequence, ElementSequenceParts, Mixture, MixtureParts, MotionElement, Phase};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// # let mixture = Mixture::new(MixtureParts {
+/// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.5, 1.0], covariances: vec![1.0, 2.0, 2.0, 5.0],
+/// # })?;
+/// # let element = MotionElement { start_s: 0.0, end_s: 1.0 };
+/// // One element of a second, on the line 1 + 2 (t - 0.5) with variance 1.
+/// let parts = ElementSequenceParts { elements: vec![ElementModel { element, mixture }], blend_s: 0.0 };
+/// let sequence = ElementSequence::new(parts)?;
+/// assert_eq!((sequence.start_s(), sequence.end_s(), sequence.dim()), (0.0, 1.0, 1));
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "ElementSequenceParts", into = "ElementSequenceParts")]
 pub struct ElementSequence {
@@ -64,6 +109,11 @@ impl From<ElementSequence> for ElementSequenceParts {
 
 impl ElementSequence {
     /// Checks that the elements follow one another and that the joints fit into them.
+    ///
+    /// ```
+    /// use gmr_core::{ElementSequence, ElementSequenceParts};
+    /// assert!(ElementSequence::new(ElementSequenceParts { elements: vec![], blend_s: 0.0 }).is_err());
+    /// ```
     ///
     /// # Errors
     /// No element, a gap, an element shorter than `blend_s`, or mixtures of different dimension.
@@ -125,6 +175,24 @@ impl ElementSequence {
     /// Each element is fitted to the samples of all of them within half a blend of its ends, so that
     /// the joints never extrapolate. Returns the sequence and one report per element.
     ///
+    /// ```
+    /// use gmr_core::{ElementSequence, GmmParams, Trajectory, segment_fixed};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// // A straight line, h = 2 t.
+    /// let times: Vec<f64> = (0..=40).map(|i| f64::from(i) * 0.05).collect();
+    /// let values = times.iter().map(|t| 2.0 * t).collect();
+    /// let line = Trajectory::new(times, values, 1)?;
+    /// let (elements, plan) = (segment_fixed(&line, 1.0)?, GmmParams::default().validate()?);
+    /// let (sequence, reports) = ElementSequence::learn(&[line], &elements, 0.2, &plan)?;
+    /// let regressor = sequence.regressor()?;
+    /// let mut out = regressor.prediction();
+    /// regressor.predict_into(1.25, &mut out)?;
+    /// assert_eq!(reports.len(), 2);
+    /// assert!((out.mean()[0] - 2.5).abs() < 1e-3);
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
     /// # Errors
     /// Demonstrations of different dimension, an element with too few samples, or a failed fit.
     pub fn learn(
@@ -139,6 +207,22 @@ impl ElementSequence {
     /// As [`ElementSequence::learn`], with weights fused with ARIMA errors (paper, eqs. 11-14).
     ///
     /// `errors` has one list per demonstration, see [`crate::arima_errors`].
+    ///
+    /// ```
+    /// use gmr_core::{ElementSequence, GmmParams, Trajectory, segment_fixed};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// // A straight line, h = 2 t.
+    /// let times: Vec<f64> = (0..=40).map(|i| f64::from(i) * 0.05).collect();
+    /// let values = times.iter().map(|t| 2.0 * t).collect();
+    /// let line = Trajectory::new(times, values, 1)?;
+    /// let (elements, plan) = (segment_fixed(&line, 1.0)?, GmmParams::default().validate()?);
+    /// let errors = [vec![1.0; 41]];
+    /// let reading = gmr_core::FusionReading::Components;
+    /// let (sequence, _) = ElementSequence::learn_fused(&[line], &elements, 0.2, &plan, &errors, reading)?;
+    /// assert_eq!(sequence.parts().elements.len(), 2);
+    /// # Ok(())
+    /// # }
+    /// ```
     ///
     /// # Errors
     /// As [`ElementSequence::learn`], or errors that do not match the demonstrations.
@@ -189,26 +273,101 @@ impl ElementSequence {
     }
 
     /// The numbers, for storage.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, ElementModel, ElementSequence, ElementSequenceParts, Mixture, MixtureParts, MotionElement, Phase};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let mixture = Mixture::new(MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.5, 1.0], covariances: vec![1.0, 2.0, 2.0, 5.0],
+    /// # })?;
+    /// # let element = MotionElement { start_s: 0.0, end_s: 1.0 };
+    /// // One element of a second, on the line 1 + 2 (t - 0.5) with variance 1.
+    /// let parts = ElementSequenceParts { elements: vec![ElementModel { element, mixture }], blend_s: 0.0 };
+    /// let sequence = ElementSequence::new(parts)?;
+    /// assert_eq!(sequence.parts().elements.len(), 1);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn parts(&self) -> &ElementSequenceParts {
         &self.parts
     }
 
     /// Start of the first element.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, ElementModel, ElementSequence, ElementSequenceParts, Mixture, MixtureParts, MotionElement, Phase};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let mixture = Mixture::new(MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.5, 1.0], covariances: vec![1.0, 2.0, 2.0, 5.0],
+    /// # })?;
+    /// # let element = MotionElement { start_s: 0.0, end_s: 1.0 };
+    /// // One element of a second, on the line 1 + 2 (t - 0.5) with variance 1.
+    /// let parts = ElementSequenceParts { elements: vec![ElementModel { element, mixture }], blend_s: 0.0 };
+    /// let sequence = ElementSequence::new(parts)?;
+    /// assert_eq!(sequence.start_s(), 0.0);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn start_s(&self) -> f64 {
         self.parts.elements[0].element.start_s
     }
 
     /// End of the last element.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, ElementModel, ElementSequence, ElementSequenceParts, Mixture, MixtureParts, MotionElement, Phase};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let mixture = Mixture::new(MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.5, 1.0], covariances: vec![1.0, 2.0, 2.0, 5.0],
+    /// # })?;
+    /// # let element = MotionElement { start_s: 0.0, end_s: 1.0 };
+    /// // One element of a second, on the line 1 + 2 (t - 0.5) with variance 1.
+    /// let parts = ElementSequenceParts { elements: vec![ElementModel { element, mixture }], blend_s: 0.0 };
+    /// let sequence = ElementSequence::new(parts)?;
+    /// assert_eq!(sequence.end_s(), 1.0);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn end_s(&self) -> f64 {
         self.parts.elements[self.parts.elements.len() - 1].element.end_s
     }
 
     /// Number of values per sample (without time).
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, ElementModel, ElementSequence, ElementSequenceParts, Mixture, MixtureParts, MotionElement, Phase};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let mixture = Mixture::new(MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.5, 1.0], covariances: vec![1.0, 2.0, 2.0, 5.0],
+    /// # })?;
+    /// # let element = MotionElement { start_s: 0.0, end_s: 1.0 };
+    /// // One element of a second, on the line 1 + 2 (t - 0.5) with variance 1.
+    /// let parts = ElementSequenceParts { elements: vec![ElementModel { element, mixture }], blend_s: 0.0 };
+    /// let sequence = ElementSequence::new(parts)?;
+    /// assert_eq!(sequence.dim(), 1);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn dim(&self) -> usize {
         self.parts.elements[0].mixture.dim() - 1
     }
 
     /// Prepares the sequence for queries.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, ElementModel, ElementSequence, ElementSequenceParts, Mixture, MixtureParts, MotionElement, Phase};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let mixture = Mixture::new(MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.5, 1.0], covariances: vec![1.0, 2.0, 2.0, 5.0],
+    /// # })?;
+    /// # let element = MotionElement { start_s: 0.0, end_s: 1.0 };
+    /// // One element of a second, on the line 1 + 2 (t - 0.5) with variance 1.
+    /// let parts = ElementSequenceParts { elements: vec![ElementModel { element, mixture }], blend_s: 0.0 };
+    /// let sequence = ElementSequence::new(parts)?;
+    /// assert_eq!(sequence.regressor()?.elements().len(), 1);
+    /// # Ok(())
+    /// # }
+    /// ```
     ///
     /// # Errors
     /// As [`Regressor::new`].
@@ -229,6 +388,26 @@ impl ElementSequence {
 }
 
 /// Where a query lies in the motion.
+///
+/// ```
+/// # use gmr_core::{CovarianceKind, ElementModel, ElementSequence, ElementSequenceParts, Mixture, MixtureParts, MotionElement, Phase};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// # let mixture = Mixture::new(MixtureParts {
+/// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.5, 1.0], covariances: vec![1.0, 2.0, 2.0, 5.0],
+/// # })?;
+/// # let element = MotionElement { start_s: 0.0, end_s: 1.0 };
+/// // One element of a second, on the line 1 + 2 (t - 0.5) with variance 1.
+/// let parts = ElementSequenceParts { elements: vec![ElementModel { element, mixture }], blend_s: 0.0 };
+/// let sequence = ElementSequence::new(parts)?;
+/// let regressor = sequence.regressor()?;
+/// let mut out = regressor.prediction();
+/// regressor.predict_into(3.0, &mut out)?;
+/// // The end of the motion, held: 1 + 2 * 0.5.
+/// assert_eq!(out.phase(), Phase::After);
+/// assert!((out.mean()[0] - 2.0).abs() < 1e-12);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Phase {
@@ -241,6 +420,24 @@ pub enum Phase {
 }
 
 /// An [`ElementSequence`] prepared for queries; a query allocates nothing.
+///
+/// ```
+/// # use gmr_core::{CovarianceKind, ElementModel, ElementSequence, ElementSequenceParts, Mixture, MixtureParts, MotionElement, Phase};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// # let mixture = Mixture::new(MixtureParts {
+/// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.5, 1.0], covariances: vec![1.0, 2.0, 2.0, 5.0],
+/// # })?;
+/// # let element = MotionElement { start_s: 0.0, end_s: 1.0 };
+/// // One element of a second, on the line 1 + 2 (t - 0.5) with variance 1.
+/// let parts = ElementSequenceParts { elements: vec![ElementModel { element, mixture }], blend_s: 0.0 };
+/// let sequence = ElementSequence::new(parts)?;
+/// let regressor = sequence.regressor()?;
+/// let mut out = regressor.prediction();
+/// regressor.predict_into(0.75, &mut out)?;
+/// assert!((out.mean()[0] - 1.5).abs() < 1e-12);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone)]
 pub struct SequenceRegressor {
     elements: Vec<MotionElement>,
@@ -249,6 +446,24 @@ pub struct SequenceRegressor {
 }
 
 /// Result and working space of a query; made once by [`SequenceRegressor::prediction`].
+///
+/// ```
+/// # use gmr_core::{CovarianceKind, ElementModel, ElementSequence, ElementSequenceParts, Mixture, MixtureParts, MotionElement, Phase};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// # let mixture = Mixture::new(MixtureParts {
+/// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.5, 1.0], covariances: vec![1.0, 2.0, 2.0, 5.0],
+/// # })?;
+/// # let element = MotionElement { start_s: 0.0, end_s: 1.0 };
+/// // One element of a second, on the line 1 + 2 (t - 0.5) with variance 1.
+/// let parts = ElementSequenceParts { elements: vec![ElementModel { element, mixture }], blend_s: 0.0 };
+/// let sequence = ElementSequence::new(parts)?;
+/// let regressor = sequence.regressor()?;
+/// let mut out = regressor.prediction();
+/// regressor.predict_into(0.75, &mut out)?;
+/// assert!((out.mean()[0] - 1.5).abs() < 1e-12);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct SequencePrediction {
     mean: Vec<f64>,
@@ -263,31 +478,140 @@ pub struct SequencePrediction {
 
 impl SequencePrediction {
     /// Mean `m(t)`, `(d)`.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, ElementModel, ElementSequence, ElementSequenceParts, Mixture, MixtureParts, MotionElement, Phase};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let mixture = Mixture::new(MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.5, 1.0], covariances: vec![1.0, 2.0, 2.0, 5.0],
+    /// # })?;
+    /// # let element = MotionElement { start_s: 0.0, end_s: 1.0 };
+    /// // One element of a second, on the line 1 + 2 (t - 0.5) with variance 1.
+    /// let parts = ElementSequenceParts { elements: vec![ElementModel { element, mixture }], blend_s: 0.0 };
+    /// let sequence = ElementSequence::new(parts)?;
+    /// let regressor = sequence.regressor()?;
+    /// let mut out = regressor.prediction();
+    /// regressor.predict_into(0.75, &mut out)?;
+    /// assert!((out.mean()[0] - 1.5).abs() < 1e-12);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn mean(&self) -> &[f64] {
         &self.mean
     }
 
     /// Velocity `dm/dt`, `(d)`, per second; zero outside the motion.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, ElementModel, ElementSequence, ElementSequenceParts, Mixture, MixtureParts, MotionElement, Phase};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let mixture = Mixture::new(MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.5, 1.0], covariances: vec![1.0, 2.0, 2.0, 5.0],
+    /// # })?;
+    /// # let element = MotionElement { start_s: 0.0, end_s: 1.0 };
+    /// // One element of a second, on the line 1 + 2 (t - 0.5) with variance 1.
+    /// let parts = ElementSequenceParts { elements: vec![ElementModel { element, mixture }], blend_s: 0.0 };
+    /// let sequence = ElementSequence::new(parts)?;
+    /// let regressor = sequence.regressor()?;
+    /// let mut out = regressor.prediction();
+    /// regressor.predict_into(0.75, &mut out)?;
+    /// assert!((out.velocity()[0] - 2.0).abs() < 1e-12);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn velocity(&self) -> &[f64] {
         &self.velocity
     }
 
     /// Covariance, `(d, d)`.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, ElementModel, ElementSequence, ElementSequenceParts, Mixture, MixtureParts, MotionElement, Phase};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let mixture = Mixture::new(MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.5, 1.0], covariances: vec![1.0, 2.0, 2.0, 5.0],
+    /// # })?;
+    /// # let element = MotionElement { start_s: 0.0, end_s: 1.0 };
+    /// // One element of a second, on the line 1 + 2 (t - 0.5) with variance 1.
+    /// let parts = ElementSequenceParts { elements: vec![ElementModel { element, mixture }], blend_s: 0.0 };
+    /// let sequence = ElementSequence::new(parts)?;
+    /// let regressor = sequence.regressor()?;
+    /// let mut out = regressor.prediction();
+    /// regressor.predict_into(0.75, &mut out)?;
+    /// assert!((out.covariance()[0] - 1.0).abs() < 1e-12);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn covariance(&self) -> &[f64] {
         &self.covariance
     }
 
     /// Whether the query lay before, within or after the motion.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, ElementModel, ElementSequence, ElementSequenceParts, Mixture, MixtureParts, MotionElement, Phase};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let mixture = Mixture::new(MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.5, 1.0], covariances: vec![1.0, 2.0, 2.0, 5.0],
+    /// # })?;
+    /// # let element = MotionElement { start_s: 0.0, end_s: 1.0 };
+    /// // One element of a second, on the line 1 + 2 (t - 0.5) with variance 1.
+    /// let parts = ElementSequenceParts { elements: vec![ElementModel { element, mixture }], blend_s: 0.0 };
+    /// let sequence = ElementSequence::new(parts)?;
+    /// let regressor = sequence.regressor()?;
+    /// let mut out = regressor.prediction();
+    /// regressor.predict_into(0.75, &mut out)?;
+    /// assert_eq!(out.phase(), Phase::Within);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn phase(&self) -> Phase {
         self.phase
     }
 
     /// Log density of the time under the element (blended in a joint): how usual this moment is.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, ElementModel, ElementSequence, ElementSequenceParts, Mixture, MixtureParts, MotionElement, Phase};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let mixture = Mixture::new(MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.5, 1.0], covariances: vec![1.0, 2.0, 2.0, 5.0],
+    /// # })?;
+    /// # let element = MotionElement { start_s: 0.0, end_s: 1.0 };
+    /// // One element of a second, on the line 1 + 2 (t - 0.5) with variance 1.
+    /// let parts = ElementSequenceParts { elements: vec![ElementModel { element, mixture }], blend_s: 0.0 };
+    /// let sequence = ElementSequence::new(parts)?;
+    /// let regressor = sequence.regressor()?;
+    /// let mut out = regressor.prediction();
+    /// regressor.predict_into(0.75, &mut out)?;
+    /// // ln N(0.75 | 0.5, 1)
+    /// assert!((out.log_density() + 0.918_938_533_204_672_7 + 0.031_25).abs() < 1e-12);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn log_density(&self) -> f64 {
         self.log_density
     }
 
     /// Index of the element the query fell into.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, ElementModel, ElementSequence, ElementSequenceParts, Mixture, MixtureParts, MotionElement, Phase};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let mixture = Mixture::new(MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.5, 1.0], covariances: vec![1.0, 2.0, 2.0, 5.0],
+    /// # })?;
+    /// # let element = MotionElement { start_s: 0.0, end_s: 1.0 };
+    /// // One element of a second, on the line 1 + 2 (t - 0.5) with variance 1.
+    /// let parts = ElementSequenceParts { elements: vec![ElementModel { element, mixture }], blend_s: 0.0 };
+    /// let sequence = ElementSequence::new(parts)?;
+    /// let regressor = sequence.regressor()?;
+    /// let mut out = regressor.prediction();
+    /// regressor.predict_into(0.75, &mut out)?;
+    /// assert_eq!(out.element(), 0);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn element(&self) -> usize {
         self.element
     }
@@ -295,6 +619,23 @@ impl SequencePrediction {
 
 impl SequenceRegressor {
     /// Space for the results and the work of a query.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, ElementModel, ElementSequence, ElementSequenceParts, Mixture, MixtureParts, MotionElement, Phase};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let mixture = Mixture::new(MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.5, 1.0], covariances: vec![1.0, 2.0, 2.0, 5.0],
+    /// # })?;
+    /// # let element = MotionElement { start_s: 0.0, end_s: 1.0 };
+    /// // One element of a second, on the line 1 + 2 (t - 0.5) with variance 1.
+    /// let parts = ElementSequenceParts { elements: vec![ElementModel { element, mixture }], blend_s: 0.0 };
+    /// let sequence = ElementSequence::new(parts)?;
+    /// let regressor = sequence.regressor()?;
+    /// let mut out = regressor.prediction();
+    /// assert_eq!(out.mean(), [0.0]); // nothing asked yet
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn prediction(&self) -> SequencePrediction {
         let work: Vec<Prediction> = self.regressors.iter().map(Regressor::prediction).collect();
         let d = self.regressors[0].outputs().len();
@@ -310,11 +651,45 @@ impl SequenceRegressor {
     }
 
     /// The elements in order.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, ElementModel, ElementSequence, ElementSequenceParts, Mixture, MixtureParts, MotionElement, Phase};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let mixture = Mixture::new(MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.5, 1.0], covariances: vec![1.0, 2.0, 2.0, 5.0],
+    /// # })?;
+    /// # let element = MotionElement { start_s: 0.0, end_s: 1.0 };
+    /// // One element of a second, on the line 1 + 2 (t - 0.5) with variance 1.
+    /// let parts = ElementSequenceParts { elements: vec![ElementModel { element, mixture }], blend_s: 0.0 };
+    /// let sequence = ElementSequence::new(parts)?;
+    /// let regressor = sequence.regressor()?;
+    /// assert_eq!(regressor.elements()[0].end_s, 1.0);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn elements(&self) -> &[MotionElement] {
         &self.elements
     }
 
     /// Mean, velocity and covariance at `time_s` on the motion's clock. Allocates nothing.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, ElementModel, ElementSequence, ElementSequenceParts, Mixture, MixtureParts, MotionElement, Phase};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let mixture = Mixture::new(MixtureParts {
+    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.5, 1.0], covariances: vec![1.0, 2.0, 2.0, 5.0],
+    /// # })?;
+    /// # let element = MotionElement { start_s: 0.0, end_s: 1.0 };
+    /// // One element of a second, on the line 1 + 2 (t - 0.5) with variance 1.
+    /// let parts = ElementSequenceParts { elements: vec![ElementModel { element, mixture }], blend_s: 0.0 };
+    /// let sequence = ElementSequence::new(parts)?;
+    /// let regressor = sequence.regressor()?;
+    /// let mut out = regressor.prediction();
+    /// regressor.predict_into(0.75, &mut out)?;
+    /// assert!((out.mean()[0] - 1.5).abs() < 1e-12 && (out.velocity()[0] - 2.0).abs() < 1e-12);
+    /// # Ok(())
+    /// # }
+    /// ```
     ///
     /// # Errors
     /// A time that is not finite, or a prediction made for another sequence.

@@ -5,6 +5,15 @@ use serde::{Deserialize, Serialize};
 use crate::error::{Error, Result, check_len, check_values};
 
 /// The numbers of a [`Trajectory`], as stored.
+///
+/// ```
+/// use gmr_core::{Trajectory, TrajectoryParts};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// let parts = TrajectoryParts { dim: 1, times_s: vec![0.0, 1.0], values: vec![2.0, 4.0] };
+/// assert_eq!(Trajectory::try_from(parts)?.end_s(), 1.0);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrajectoryParts {
@@ -17,6 +26,14 @@ pub struct TrajectoryParts {
 }
 
 /// One demonstration: times in seconds and values `h: (n, d)`, row-major.
+///
+/// ```
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// let motion = gmr_core::Trajectory::new(vec![5.0, 6.0, 7.5], vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0], 2)?;
+/// assert_eq!((motion.len(), motion.dim(), motion.end_s()), (3, 2, 7.5));
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "TrajectoryParts", into = "TrajectoryParts")]
 pub struct Trajectory {
@@ -40,6 +57,12 @@ impl From<Trajectory> for TrajectoryParts {
 impl Trajectory {
     /// Checks times and values.
     ///
+    /// ```
+    /// use gmr_core::{Error, Trajectory};
+    /// let standing = Trajectory::new(vec![1.0, 1.0], vec![0.0, 0.0], 1);
+    /// assert_eq!(standing, Err(Error::TimeNotIncreasing { index: 1, time_s: 1.0, previous_s: 1.0 }));
+    /// ```
+    ///
     /// # Errors
     /// Empty, lengths that do not match, values that are not finite, times that do not increase.
     pub fn new(times_s: Vec<f64>, values: Vec<f64>, dim: usize) -> Result<Self> {
@@ -58,41 +81,105 @@ impl Trajectory {
     }
 
     /// Number of samples `n`.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// let motion = gmr_core::Trajectory::new(vec![5.0, 6.0, 7.5], vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0], 2)?;
+    /// assert_eq!(motion.len(), 3);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn len(&self) -> usize {
         self.parts.times_s.len()
     }
 
     /// Never true: a trajectory has at least one sample.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// let motion = gmr_core::Trajectory::new(vec![5.0, 6.0, 7.5], vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0], 2)?;
+    /// assert!(!motion.is_empty());
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn is_empty(&self) -> bool {
         false
     }
 
     /// Columns per row `d`.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// let motion = gmr_core::Trajectory::new(vec![5.0, 6.0, 7.5], vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0], 2)?;
+    /// assert_eq!(motion.dim(), 2);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn dim(&self) -> usize {
         self.parts.dim
     }
 
     /// Times in seconds.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// let motion = gmr_core::Trajectory::new(vec![5.0, 6.0, 7.5], vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0], 2)?;
+    /// assert_eq!(motion.times_s(), [5.0, 6.0, 7.5]);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn times_s(&self) -> &[f64] {
         &self.parts.times_s
     }
 
     /// Values, row-major.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// let motion = gmr_core::Trajectory::new(vec![5.0, 6.0, 7.5], vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0], 2)?;
+    /// assert_eq!(motion.values()[..2], [1.0, 2.0]);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn values(&self) -> &[f64] {
         &self.parts.values
     }
 
     /// One row.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// let motion = gmr_core::Trajectory::new(vec![5.0, 6.0, 7.5], vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0], 2)?;
+    /// assert_eq!(motion.row(1), [3.0, 4.0]);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn row(&self, index: usize) -> &[f64] {
         &self.parts.values[index * self.parts.dim..(index + 1) * self.parts.dim]
     }
 
     /// Time of the first sample.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// let motion = gmr_core::Trajectory::new(vec![5.0, 6.0, 7.5], vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0], 2)?;
+    /// assert_eq!(motion.start_s(), 5.0);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn start_s(&self) -> f64 {
         self.parts.times_s[0]
     }
 
     /// Time of the last sample.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// let motion = gmr_core::Trajectory::new(vec![5.0, 6.0, 7.5], vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0], 2)?;
+    /// assert_eq!(motion.end_s(), 7.5);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn end_s(&self) -> f64 {
         self.parts.times_s[self.len() - 1]
     }
@@ -116,6 +203,14 @@ impl Trajectory {
 
     /// The same trajectory with only some columns, in the given order.
     ///
+    /// ```
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// let motion = gmr_core::Trajectory::new(vec![5.0, 6.0, 7.5], vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0], 2)?;
+    /// assert_eq!(motion.select(&[1])?.values(), [2.0, 4.0, 6.0]);
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
     /// # Errors
     /// An empty list, or a column out of bounds or listed twice.
     pub fn select(&self, columns: &[usize]) -> Result<Self> {
@@ -125,6 +220,14 @@ impl Trajectory {
     }
 
     /// One column.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// let motion = gmr_core::Trajectory::new(vec![5.0, 6.0, 7.5], vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0], 2)?;
+    /// assert_eq!(motion.column(0), [1.0, 3.0, 5.0]);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn column(&self, column: usize) -> Vec<f64> {
         self.parts.values.iter().skip(column).step_by(self.parts.dim).copied().collect()
     }

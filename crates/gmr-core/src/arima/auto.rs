@@ -47,12 +47,34 @@ impl Default for AutoArimaParams {
 }
 
 /// Checked bounds.
+///
+/// ```
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// let plan = gmr_core::AutoArimaParams { max_p: 1, max_q: 1, ..Default::default() }.validate()?;
+/// // A constant series fits no order.
+/// assert!(plan.fit(&[1.0; 50]).is_err());
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AutoArimaPlan {
     params: AutoArimaParams,
 }
 
 /// One order that was tried.
+///
+/// ```
+/// # use gmr_core::AutoArimaParams;
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// // A logistic map is stationary: no difference is taken.
+/// let mut x = 0.3;
+/// let y: Vec<f64> = (0..120).map(|_| { x = 3.9 * x * (1.0 - x); x }).collect();
+/// let found = AutoArimaParams { max_p: 1, max_q: 0, ..AutoArimaParams::default() }.validate()?.fit(&y)?;
+/// // Orders 0 and 1, each without and with a mean.
+/// assert_eq!(found.candidates.iter().filter(|c| c.constant).count(), 2);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct ArimaCandidate {
     /// Its order.
@@ -64,6 +86,18 @@ pub struct ArimaCandidate {
 }
 
 /// The chosen model and all that were tried.
+///
+/// ```
+/// # use gmr_core::AutoArimaParams;
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// // A logistic map is stationary: no difference is taken.
+/// let mut x = 0.3;
+/// let y: Vec<f64> = (0..120).map(|_| { x = 3.9 * x * (1.0 - x); x }).collect();
+/// let found = AutoArimaParams { max_p: 1, max_q: 0, ..AutoArimaParams::default() }.validate()?.fit(&y)?;
+/// assert_eq!((found.order.d, found.kpss.len(), found.candidates.len()), (0, 1, 4));
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct AutoArima {
     /// The model with the lowest AICc.
@@ -83,6 +117,10 @@ type Tried = (ArimaOrder, bool, Result<(Arima, ArimaReport)>);
 impl AutoArimaParams {
     /// Checks the bounds.
     ///
+    /// ```
+    /// assert!(gmr_core::AutoArimaParams { max_d: 5, ..Default::default() }.validate().is_err());
+    /// ```
+    ///
     /// # Errors
     /// [`Error::InvalidParameter`] for orders beyond what a fit accepts.
     pub fn validate(self) -> Result<AutoArimaPlan> {
@@ -95,6 +133,18 @@ impl AutoArimaParams {
 impl AutoArimaPlan {
     /// Chooses `d` by repeated KPSS tests and `(p, q, constant)` by the lowest AICc over the whole
     /// grid, in parallel. A constant is tried for `d <= 1`.
+    ///
+    /// ```
+    /// # use gmr_core::AutoArimaParams;
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// // A logistic map is stationary: no difference is taken.
+    /// let mut x = 0.3;
+    /// let y: Vec<f64> = (0..120).map(|_| { x = 3.9 * x * (1.0 - x); x }).collect();
+    /// let found = AutoArimaParams { max_p: 1, max_q: 0, ..AutoArimaParams::default() }.validate()?.fit(&y)?;
+    /// assert_eq!(found.order.d, 0);
+    /// # Ok(())
+    /// # }
+    /// ```
     ///
     /// # Errors
     /// Infinite values, too few values, or a series no order fits (for instance a constant one).

@@ -12,6 +12,18 @@ use crate::gmm::LN_2_PI;
 use crate::linalg::{cholesky, solve_lower, solve_lower_transpose};
 
 /// Orders of an ARIMA model.
+///
+/// ```
+/// # use gmr_core::{ArimaOrder, ArimaParams, ArimaStart, ArimaStop};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// // White noise of +-1: the variance is the mean square, nothing is searched.
+/// let y: Vec<f64> = (0..60).map(|i| if i % 2 == 0 { 1.0 } else { -1.0 }).collect();
+/// let order = ArimaOrder { p: 0, d: 0, q: 0 };
+/// let plan = ArimaParams { order, constant: false, ..ArimaParams::default() }.validate()?;
+/// assert_eq!(plan.fit(&y)?.1.parameters, 1); // the variance
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct ArimaOrder {
     /// Autoregressive order.
@@ -57,12 +69,36 @@ impl Default for ArimaParams {
 }
 
 /// Checked parameters; the only thing that can fit an ARIMA model.
+///
+/// ```
+/// # use gmr_core::{ArimaOrder, ArimaParams, ArimaStart, ArimaStop};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// // White noise of +-1: the variance is the mean square, nothing is searched.
+/// let y: Vec<f64> = (0..60).map(|i| if i % 2 == 0 { 1.0 } else { -1.0 }).collect();
+/// let order = ArimaOrder { p: 0, d: 0, q: 0 };
+/// let plan = ArimaParams { order, constant: false, ..ArimaParams::default() }.validate()?;
+/// assert_eq!(plan.params().order, order);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ArimaPlan {
     params: ArimaParams,
 }
 
 /// Where the kept search began.
+///
+/// ```
+/// # use gmr_core::{ArimaOrder, ArimaParams, ArimaStart, ArimaStop};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// // White noise of +-1: the variance is the mean square, nothing is searched.
+/// let y: Vec<f64> = (0..60).map(|i| if i % 2 == 0 { 1.0 } else { -1.0 }).collect();
+/// let order = ArimaOrder { p: 0, d: 0, q: 0 };
+/// let plan = ArimaParams { order, constant: false, ..ArimaParams::default() }.validate()?;
+/// assert_eq!(plan.fit(&y)?.1.start, ArimaStart::Closed);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ArimaStart {
@@ -76,6 +112,18 @@ pub enum ArimaStart {
 }
 
 /// Why the kept search ended.
+///
+/// ```
+/// # use gmr_core::{ArimaOrder, ArimaParams, ArimaStart, ArimaStop};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// // White noise of +-1: the variance is the mean square, nothing is searched.
+/// let y: Vec<f64> = (0..60).map(|i| if i % 2 == 0 { 1.0 } else { -1.0 }).collect();
+/// let order = ArimaOrder { p: 0, d: 0, q: 0 };
+/// let plan = ArimaParams { order, constant: false, ..ArimaParams::default() }.validate()?;
+/// assert_eq!(plan.fit(&y)?.1.stop, ArimaStop::Converged);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ArimaStop {
@@ -88,6 +136,21 @@ pub enum ArimaStop {
 }
 
 /// What an ARIMA fit did.
+///
+/// ```
+/// # use gmr_core::{ArimaOrder, ArimaParams, ArimaStart, ArimaStop};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// // White noise of +-1: the variance is the mean square, nothing is searched.
+/// let y: Vec<f64> = (0..60).map(|i| if i % 2 == 0 { 1.0 } else { -1.0 }).collect();
+/// let order = ArimaOrder { p: 0, d: 0, q: 0 };
+/// let plan = ArimaParams { order, constant: false, ..ArimaParams::default() }.validate()?;
+/// let report = plan.fit(&y)?.1;
+/// // Each of 60 values has the log density -(ln(2 pi) + 1) / 2.
+/// assert!((report.log_likelihood + 60.0 * 1.418_938_533_204_672_7).abs() < 1e-9);
+/// assert!((report.aic - (2.0 - 2.0 * report.log_likelihood)).abs() < 1e-9);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ArimaReport {
     /// Exact log-likelihood (diffuse for `d > 0`) of the returned model.
@@ -119,6 +182,12 @@ pub struct ArimaReport {
 
 impl ArimaParams {
     /// Checks every field.
+    ///
+    /// ```
+    /// use gmr_core::{ArimaOrder, ArimaParams};
+    /// let order = ArimaOrder { p: 1, d: 5, q: 0 };
+    /// assert!(ArimaParams { order, constant: false, ..ArimaParams::default() }.validate().is_err());
+    /// ```
     ///
     /// # Errors
     /// [`Error::InvalidParameter`] with the field, the allowed interval and the value.
@@ -195,11 +264,31 @@ impl Prepared {
 
 impl ArimaPlan {
     /// The checked parameters.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// let plan = gmr_core::ArimaParams::default().validate()?;
+    /// assert_eq!(plan.params().order.p, 1);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn params(&self) -> &ArimaParams {
         &self.params
     }
 
     /// Fits the model to `y`, NaN marking missing values.
+    ///
+    /// ```
+    /// # use gmr_core::{ArimaOrder, ArimaParams, ArimaStart, ArimaStop};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// // White noise of +-1: the variance is the mean square, nothing is searched.
+    /// let y: Vec<f64> = (0..60).map(|i| if i % 2 == 0 { 1.0 } else { -1.0 }).collect();
+    /// let order = ArimaOrder { p: 0, d: 0, q: 0 };
+    /// let plan = ArimaParams { order, constant: false, ..ArimaParams::default() }.validate()?;
+    /// assert!((plan.fit(&y)?.0.parts().variance - 1.0).abs() < 1e-12);
+    /// # Ok(())
+    /// # }
+    /// ```
     ///
     /// # Errors
     /// Infinite values, too few observed values for the parameters, a series that is constant

@@ -9,6 +9,15 @@ use crate::error::{Error, MAX_MAGNITUDE, Result, check_values};
 use crate::gmm::LN_2_PI;
 
 /// The numbers of an ARIMA model, as stored in a model file.
+///
+/// ```
+/// # use gmr_core::{Arima, ArimaParts};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// let model = Arima::new(ArimaParts { ar: vec![0.5], difference: 0, ma: vec![], mean: 0.0, variance: 1.0 })?;
+/// assert_eq!(model.parts().ar, [0.5]);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ArimaParts {
@@ -60,6 +69,18 @@ impl From<Arima> for ArimaParts {
 }
 
 /// A one-step prediction error.
+///
+/// ```
+/// # use gmr_core::{Arima, ArimaParts};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// let model = Arima::new(ArimaParts { ar: vec![0.5], difference: 0, ma: vec![], mean: 0.0, variance: 1.0 })?;
+/// let run = model.filter(&[0.0, 4.0, 8.0])?;
+/// // 8 was predicted as half of 4, with the variance of the noise.
+/// let last = run.residuals[2].map(|r| (r.value, r.variance)).unwrap_or_default();
+/// assert!((last.0 - 6.0).abs() < 1e-12 && (last.1 - 1.0).abs() < 1e-12);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Innovation {
     /// Value minus its prediction.
@@ -69,6 +90,16 @@ pub struct Innovation {
 }
 
 /// A forecast.
+///
+/// ```
+/// # use gmr_core::{Arima, ArimaParts};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// let model = Arima::new(ArimaParts { ar: vec![0.5], difference: 0, ma: vec![], mean: 0.0, variance: 1.0 })?;
+/// let ahead = model.filter(&[0.0, 4.0, 8.0])?.state.forecast(1);
+/// assert!((ahead[0].mean - 4.0).abs() < 1e-12 && (ahead[0].variance - 1.0).abs() < 1e-12);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Forecast {
     /// Expected value.
@@ -78,6 +109,18 @@ pub struct Forecast {
 }
 
 /// What a model makes of a series.
+///
+/// ```
+/// # use gmr_core::{Arima, ArimaParts};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// let model = Arima::new(ArimaParts { ar: vec![0.5], difference: 0, ma: vec![], mean: 0.0, variance: 1.0 })?;
+/// let run = model.filter(&[0.0, f64::NAN, 8.0])?;
+/// assert!(run.fitted[1].is_none() && run.residuals[1].is_none());
+/// // Over the gap the prediction is a quarter of the last value, zero.
+/// assert!(run.fitted[2].unwrap_or(f64::NAN).abs() < 1e-12);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct ArimaRun {
     /// Exact (diffuse for `d > 0`) log-likelihood.
@@ -92,6 +135,17 @@ pub struct ArimaRun {
 }
 
 /// The state of a model after a series; takes further values in O(p + q) without a refit.
+///
+/// ```
+/// # use gmr_core::{Arima, ArimaParts};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// let model = Arima::new(ArimaParts { ar: vec![0.5], difference: 0, ma: vec![], mean: 0.0, variance: 1.0 })?;
+/// let mut state = model.filter(&[0.0, 4.0])?.state;
+/// state.append(8.0)?;
+/// assert!((state.forecast(1)[0].mean - 4.0).abs() < 1e-12);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ArimaState {
     model: Arima,
@@ -125,6 +179,12 @@ pub(super) fn differenced(y: &[f64], d: usize) -> Vec<f64> {
 impl Arima {
     /// Checks the numbers of a model.
     ///
+    /// ```
+    /// # use gmr_core::{Arima, ArimaParts};
+    /// let explosive = ArimaParts { ar: vec![1.5], difference: 0, ma: vec![], mean: 0.0, variance: 1.0 };
+    /// assert!(Arima::new(explosive).is_err());
+    /// ```
+    ///
     /// # Errors
     /// Values that are not finite, an autoregression that is not stationary, a variance that is not
     /// positive, or an order above 23.
@@ -153,6 +213,15 @@ impl Arima {
     }
 
     /// The numbers, for storage.
+    ///
+    /// ```
+    /// # use gmr_core::{Arima, ArimaParts};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// let model = Arima::new(ArimaParts { ar: vec![0.5], difference: 0, ma: vec![], mean: 0.0, variance: 1.0 })?;
+    /// assert_eq!(model.parts().variance, 1.0);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn parts(&self) -> &ArimaParts {
         &self.parts
     }
@@ -229,6 +298,15 @@ impl Arima {
 
 impl ArimaState {
     /// The model.
+    ///
+    /// ```
+    /// # use gmr_core::{Arima, ArimaParts};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// let model = Arima::new(ArimaParts { ar: vec![0.5], difference: 0, ma: vec![], mean: 0.0, variance: 1.0 })?;
+    /// assert_eq!(model.filter(&[0.0, 4.0])?.state.model().parts().ar, [0.5]);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn model(&self) -> &Arima {
         &self.model
     }

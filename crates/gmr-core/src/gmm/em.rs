@@ -1,6 +1,5 @@
 //! The EM iteration.
 
-use pulp::{Arch, Simd, WithSimd};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -13,7 +12,7 @@ use super::start;
 use crate::error::{Error, Result, check_len};
 use crate::fusion::{Fusion, FusionReport, FusionStep};
 use crate::gaps::Gaps;
-use crate::kernel::{Blocks, Moments, log_likelihood, moments};
+use crate::kernel::{self, Blocks, Moments, Workspace};
 use crate::linalg::clip_eigenvalues;
 use crate::samples::Samples;
 
@@ -43,16 +42,17 @@ enum Data<'a> {
 }
 
 impl Data<'_> {
-    fn moments(&self, mixture: &Mixture, centres: &[f64]) -> Result<Moments> {
+    fn moments(&self, mixture: &Mixture, centres: &[f64], work: &mut Workspace, out: &mut Moments) -> Result<()> {
         match self {
-            Self::Complete(blocks) => Ok(moments(blocks, mixture.kernel(), centres)),
-            Self::WithGaps(gaps) => gaps.moments(mixture, centres),
+            Self::Complete(blocks) => kernel::moments(blocks, mixture.kernel(), centres, work, out),
+            Self::WithGaps(gaps) => *out = gaps.moments(mixture, centres)?,
         }
+        Ok(())
     }
 
-    fn log_likelihood(&self, mixture: &Mixture) -> Result<f64> {
+    fn log_likelihood(&self, mixture: &Mixture, work: &mut Workspace) -> Result<f64> {
         match self {
-            Self::Complete(blocks) => Ok(log_likelihood(blocks, mixture.kernel())),
+            Self::Complete(blocks) => Ok(kernel::log_likelihood(blocks, mixture.kernel(), work)),
             Self::WithGaps(gaps) => gaps.moments(mixture, mixture.means()).map(|m| m.log_likelihood),
         }
     }
@@ -175,43 +175,58 @@ type Failure = (RestartOutcome, usize);
 
 fn run(job: &Job<'_>, restart: usize) -> std::result::Result<Run, Failure> {
     let Job { params, data, total, .. } = job;
-    let (d, total) = (job.start_samples.dim(), *total);
+    let (k, d, total) = (params.components, job.start_samples.dim(), *total);
+    let blocks = match (data, &job.start_blocks) {
+        (_, Some(blocks)) | (Data::Complete(blocks), None) => blocks,
+        (Data::WithGaps(_), None) => unreachable!("data with gaps come with blocks for the start"),
+    };
+    let mut work = Workspace::new(blocks, k);
+    let mut about = Moments::zero(k, d);
+    let mut centres = Vec::new();
     let mut floored = Vec::new();
     let mut fused = Vec::new();
     let mut k_means_iterations = 0;
+    let mut parts = MixtureParts {
+        kind: params.covariance,
+        dim: d,
+        weights: Vec::new(),
+        means: Vec::new(),
+        covariances: Vec::new(),
+    };
     let mut mixture = if let Start::Mixture(mixture) = &params.start {
         mixture.as_ref().clone()
     } else {
         let mut rng = ChaCha8Rng::seed_from_u64(params.seed);
         rng.set_stream(restart as u64);
-        let blocks = match (data, &job.start_blocks) {
-            (_, Some(blocks)) | (Data::Complete(blocks), None) => blocks,
-            (Data::WithGaps(_), None) => unreachable!("data with gaps come with blocks for the start"),
-        };
-        let assignment = start::assign(&params.start, blocks, &job.start_samples, params.components, &mut rng);
+        let assignment = start::assign(&params.start, blocks, &job.start_samples, k, &mut rng);
         k_means_iterations = assignment.iterations;
-        let (moments, centres) = hard_moments(&job.start_samples, &assignment.labels, params.components);
-        maximise(params, &moments, &centres, None, 0, &mut floored).map_err(|o| (o, 0))?
+        let diagonal = params.covariance.is_diagonal();
+        centres = assignment.centres;
+        kernel::label_moments(blocks, &assignment.labels, diagonal, &centres, &mut work, &mut about);
+        maximise(params, &about, &centres, None, 0, &mut floored, &mut parts).map_err(|o| (o, 0))?;
+        Mixture::new(parts.clone()).map_err(|e| (collapsed(&e, 0), 0))?
     };
     let mut history = Vec::new();
     let mut previous = f64::NEG_INFINITY;
     let mut stop = Stop::IterationLimit { change: f64::INFINITY };
     let mut recentred = 0;
     for iteration in 1..=params.max_iterations {
-        let mut centres = mixture.means().to_vec();
+        centres.clear();
+        centres.extend_from_slice(mixture.means());
         let unsupported = |_| (RestartOutcome::NoSupport { iteration }, iteration);
-        let mut about = data.moments(&mixture, &centres).map_err(unsupported)?;
+        data.moments(&mixture, &centres, &mut work, &mut about).map_err(unsupported)?;
         let mean = about.log_likelihood / total;
         if !mean.is_finite() {
             return Err((RestartOutcome::NoSupport { iteration }, iteration));
         }
         if recentre(&about, &mut centres, d) {
             recentred += 1;
-            about = data.moments(&mixture, &centres).map_err(unsupported)?;
+            data.moments(&mixture, &centres, &mut work, &mut about).map_err(unsupported)?;
         }
         history.push(mean);
         let fusion = job.fusion.map(|f| (f, &mut fused));
-        mixture = maximise(params, &about, &centres, fusion, iteration, &mut floored).map_err(|o| (o, iteration))?;
+        maximise(params, &about, &centres, fusion, iteration, &mut floored, &mut parts).map_err(|o| (o, iteration))?;
+        mixture.exchange(&mut parts).map_err(|e| (collapsed(&e, iteration), iteration))?;
         let change = mean - previous;
         previous = mean;
         if change.abs() < params.tolerance {
@@ -222,11 +237,21 @@ fn run(job: &Job<'_>, restart: usize) -> std::result::Result<Run, Failure> {
     }
     let iterations = history.len();
     let log_likelihood = data
-        .log_likelihood(&mixture)
+        .log_likelihood(&mixture, &mut work)
         .ok()
         .filter(|l| l.is_finite())
         .ok_or((RestartOutcome::NoSupport { iteration: iterations }, iterations))?;
     Ok(Run { mixture, stop, iterations, history, log_likelihood, k_means_iterations, floored, recentred, fused })
+}
+
+/// What it means for a run that the numbers of an M step are no mixture.
+fn collapsed(error: &Error, iteration: usize) -> RestartOutcome {
+    match error {
+        Error::NotPositiveDefinite { index, value, .. } => {
+            RestartOutcome::CollapsedComponent { component: *index, iteration, pivot: *value }
+        }
+        _ => RestartOutcome::NoSupport { iteration },
+    }
 }
 
 /// The samples with each missing value replaced by the mean of its column.
@@ -249,100 +274,6 @@ fn with_column_means(samples: &Samples<'_>) -> Vec<f64> {
     values
 }
 
-/// Moments of a hard assignment, each component about its own mean.
-fn hard_moments(samples: &Samples<'_>, labels: &[u32], k: usize) -> (Moments, Vec<f64>) {
-    let d = samples.dim();
-    let mut moments = Moments::zero(k, d);
-    let mut centres = vec![0.0; k * d];
-    for (i, &label) in labels.iter().enumerate() {
-        let (c, w) = (label as usize, samples.weight(i));
-        moments.mass[c] += w;
-        for (m, v) in centres[c * d..(c + 1) * d].iter_mut().zip(samples.row(i)) {
-            *m += w * v;
-        }
-    }
-    for (centre, mass) in centres.chunks_exact_mut(d).zip(&moments.mass) {
-        if *mass > 0.0 {
-            centre.iter_mut().for_each(|m| *m /= mass);
-        }
-    }
-    Arch::new().dispatch(HardMoments { samples, labels, centres: &centres, moments: &mut moments });
-    (moments, centres)
-}
-
-/// The first and second moments of [`hard_moments`].
-struct HardMoments<'a> {
-    samples: &'a Samples<'a>,
-    labels: &'a [u32],
-    centres: &'a [f64],
-    moments: &'a mut Moments,
-}
-
-impl WithSimd for HardMoments<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        match self.moments.dim {
-            1 => self.of::<1>(),
-            2 => self.of::<2>(),
-            3 => self.of::<3>(),
-            4 => self.of::<4>(),
-            5 => self.of::<5>(),
-            6 => self.of::<6>(),
-            7 => self.of::<7>(),
-            8 => self.of::<8>(),
-            _ => self.of_any_dimension(),
-        }
-    }
-}
-
-impl HardMoments<'_> {
-    /// For a dimension known to the compiler; the upper triangle is filled too, because whole rows are faster.
-    #[inline(always)]
-    fn of<const D: usize>(self) {
-        let Self { samples, labels, centres, moments } = self;
-        let (rows, centres) = (samples.values().as_chunks::<D>().0, centres.as_chunks::<D>().0);
-        let first = moments.first.as_chunks_mut::<D>().0;
-        let second = moments.second.as_chunks_mut::<D>().0;
-        for (i, (row, &label)) in rows.iter().zip(labels).enumerate() {
-            let (c, w) = (label as usize, samples.weight(i));
-            let mut z = [0.0; D];
-            for j in 0..D {
-                z[j] = row[j] - centres[c][j];
-            }
-            for (a, sums) in second[c * D..(c + 1) * D].iter_mut().enumerate() {
-                let wz = w * z[a];
-                first[c][a] += wz;
-                for (s, z) in sums.iter_mut().zip(&z) {
-                    *s += wz * z;
-                }
-            }
-        }
-    }
-
-    #[inline(always)]
-    fn of_any_dimension(self) {
-        let Self { samples, labels, centres, moments } = self;
-        let d = moments.dim;
-        let mut z = vec![0.0; d];
-        for (i, &label) in labels.iter().enumerate() {
-            let (c, w) = (label as usize, samples.weight(i));
-            for ((z, v), m) in z.iter_mut().zip(samples.row(i)).zip(&centres[c * d..]) {
-                *z = v - m;
-            }
-            let second = &mut moments.second[c * d * d..(c + 1) * d * d];
-            for (a, row) in second.chunks_exact_mut(d).enumerate() {
-                let wz = w * z[a];
-                moments.first[c * d + a] += wz;
-                for (s, z) in row[..=a].iter_mut().zip(&z) {
-                    *s += wz * z;
-                }
-            }
-        }
-    }
-}
-
 /// Moves `centres` to the new means when some component has moved by many of its new deviations.
 fn recentre(moments: &Moments, centres: &mut [f64], d: usize) -> bool {
     let far = moments.mass.iter().enumerate().any(|(c, mass)| {
@@ -363,7 +294,7 @@ fn recentre(moments: &Moments, centres: &mut [f64], d: usize) -> bool {
     far
 }
 
-/// The M step: weights, means and covariances from moments about `centres`.
+/// The M step: weights, means and covariances from moments about `centres`, into `parts`.
 fn maximise(
     params: &GmmParams,
     moments: &Moments,
@@ -371,58 +302,82 @@ fn maximise(
     fusion: Option<(&Fusion<'_>, &mut Vec<FusionStep>)>,
     iteration: usize,
     floored: &mut Vec<Floored>,
-) -> std::result::Result<Mixture, RestartOutcome> {
-    let (k, d, kind) = (moments.mass.len(), moments.dim, params.covariance);
+    parts: &mut MixtureParts,
+) -> std::result::Result<(), RestartOutcome> {
+    let (k, d) = (moments.mass.len(), moments.dim);
+    let MixtureParts { weights, means, covariances, .. } = parts;
     let mass_sum: f64 = moments.mass.iter().sum();
-    let mut means = centres.to_vec();
-    let mut scatter = vec![0.0; k * d * d];
-    for c in 0..k {
-        let mass = moments.mass[c];
-        if !(mass > EMPTY_SHARE * mass_sum) {
-            return Err(RestartOutcome::EmptyComponent { component: c, iteration, share: mass / mass_sum });
-        }
-        let first = &moments.first[c * d..(c + 1) * d];
-        for (m, s) in means[c * d..(c + 1) * d].iter_mut().zip(first) {
-            *m += s / mass;
-        }
-        for i in 0..d {
-            for j in 0..=i {
-                let value = (moments.second[(c * d + i) * d + j] - first[i] * first[j] / mass) / mass;
-                // Rounding can leave a variance of duplicates a hair below zero.
-                let value = if i == j { value.max(0.0) } else { value };
-                scatter[(c * d + i) * d + j] = value;
-                scatter[(c * d + j) * d + i] = value;
-            }
+    for (component, mass) in moments.mass.iter().enumerate() {
+        if !(*mass > EMPTY_SHARE * mass_sum) {
+            return Err(RestartOutcome::EmptyComponent { component, iteration, share: mass / mass_sum });
         }
     }
-    let mut weights: Vec<f64> = moments.mass.iter().map(|m| m / mass_sum).collect();
+    weights.clear();
+    weights.extend(moments.mass.iter().map(|m| m / mass_sum));
+    means.clear();
+    means.extend_from_slice(centres);
+    covariances.resize(k * d * d, 0.0);
+    for (c, (mean, scatter)) in means.chunks_exact_mut(d).zip(covariances.chunks_exact_mut(d * d)).enumerate() {
+        let first = &moments.first[c * d..(c + 1) * d];
+        let second = &moments.second[c * d * d..(c + 1) * d * d];
+        centred(first, second, moments.mass[c], mean, scatter);
+    }
     if let Some((fusion, steps)) = fusion {
         let reliability: Vec<f64> = moments.extra.iter().zip(&moments.mass).map(|(e, m)| e / m).collect();
-        steps.push(fusion.apply(&mut weights, &reliability));
+        steps.push(fusion.apply(weights, &reliability));
     }
-    let mut covariances = match kind {
-        CovarianceKind::Full => scatter,
+    match params.covariance {
+        CovarianceKind::Full => {}
         CovarianceKind::Tied => {
             let mut pooled = vec![0.0; d * d];
-            for (matrix, weight) in scatter.chunks_exact(d * d).zip(&weights) {
+            for (matrix, weight) in covariances.chunks_exact(d * d).zip(&*weights) {
                 for (p, v) in pooled.iter_mut().zip(matrix) {
                     *p += weight * v;
                 }
             }
-            pooled
+            *covariances = pooled;
         }
-        CovarianceKind::Diagonal | CovarianceKind::Spherical => (0..k * d).map(|i| scatter[i * d + i % d]).collect(),
-    };
-    if kind == CovarianceKind::Spherical {
-        covariances = covariances.chunks_exact(d).map(|v| v.iter().sum::<f64>() / d as f64).collect();
+        CovarianceKind::Diagonal => *covariances = (0..k * d).map(|i| covariances[i * d + i % d]).collect(),
+        CovarianceKind::Spherical => {
+            let trace = |m: &[f64]| (0..d).map(|i| m[i * d + i]).sum::<f64>();
+            *covariances = covariances.chunks_exact(d * d).map(|m| trace(m) / d as f64).collect();
+        }
     }
-    regularise(params, &mut covariances, d, iteration, floored);
-    Mixture::new(MixtureParts { kind, dim: d, weights, means, covariances }).map_err(|e| match e {
-        Error::NotPositiveDefinite { index, value, .. } => {
-            RestartOutcome::CollapsedComponent { component: index, iteration, pivot: value }
+    regularise(params, covariances, d, iteration, floored);
+    Ok(())
+}
+
+/// Moves `mean` by the first moment and sets `scatter` to the second moment about the new mean.
+fn centred(first: &[f64], second: &[f64], mass: f64, mean: &mut [f64], scatter: &mut [f64]) {
+    // One copy of the loops per small dimension, so that they unroll.
+    match first.len() {
+        1 => centred_of(1, first, second, mass, mean, scatter),
+        2 => centred_of(2, first, second, mass, mean, scatter),
+        3 => centred_of(3, first, second, mass, mean, scatter),
+        4 => centred_of(4, first, second, mass, mean, scatter),
+        5 => centred_of(5, first, second, mass, mean, scatter),
+        6 => centred_of(6, first, second, mass, mean, scatter),
+        7 => centred_of(7, first, second, mass, mean, scatter),
+        8 => centred_of(8, first, second, mass, mean, scatter),
+        d => centred_of(d, first, second, mass, mean, scatter),
+    }
+}
+
+#[inline(always)]
+fn centred_of(d: usize, first: &[f64], second: &[f64], mass: f64, mean: &mut [f64], scatter: &mut [f64]) {
+    let (first, second) = (&first[..d], &second[..d * d]);
+    let (mean, scatter) = (&mut mean[..d], &mut scatter[..d * d]);
+    for i in 0..d {
+        let shift = first[i] / mass;
+        mean[i] += shift;
+        for j in 0..=i {
+            let value = (second[i * d + j] - first[j] * shift) / mass;
+            // Rounding can leave a variance of duplicates a hair below zero.
+            let value = if i == j { value.max(0.0) } else { value };
+            scatter[i * d + j] = value;
+            scatter[j * d + i] = value;
         }
-        _ => RestartOutcome::NoSupport { iteration },
-    })
+    }
 }
 
 /// Shrinkage, ridge and floor, in this order.

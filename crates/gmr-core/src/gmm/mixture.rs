@@ -15,6 +15,17 @@ const WEIGHT_TOLERANCE: f64 = 1e-9;
 pub(crate) const LN_2_PI: f64 = 1.837_877_066_409_345_3;
 
 /// The numbers of a mixture, as stored in a model file.
+///
+/// ```
+/// use gmr_core::{CovarianceKind, Mixture, MixtureParts};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// let parts = MixtureParts {
+///     kind: CovarianceKind::Spherical, dim: 2, weights: vec![1.0], means: vec![0.0, 1.0], covariances: vec![4.0],
+/// };
+/// assert_eq!(Mixture::new(parts)?.covariance(0), [4.0, 0.0, 0.0, 4.0]);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MixtureParts {
@@ -104,6 +115,15 @@ impl CovarianceKind {
 impl Mixture {
     /// Checks and factors the numbers of a mixture.
     ///
+    /// ```
+    /// use gmr_core::{CovarianceKind, Error, Mixture, MixtureParts};
+    /// let flat = MixtureParts {
+    ///     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.0, 0.0], covariances: vec![1.0, 1.0, 1.0, 1.0],
+    /// };
+    /// // Correlation one: the second pivot of the Cholesky factor is zero.
+    /// assert!(matches!(Mixture::new(flat), Err(Error::NotPositiveDefinite { index: 0, pivot: 1, .. })));
+    /// ```
+    ///
     /// # Errors
     /// Wrong lengths, values that are not finite, weights that are negative or do not sum to one,
     /// an asymmetric covariance, or one that is not positive definite.
@@ -151,6 +171,21 @@ impl Mixture {
         Ok(mixture)
     }
 
+    /// Takes the numbers of an M step, of the same shape, symmetric and with normalised weights, and leaves the former
+    /// ones in `parts`. After an error the mixture is not to be used.
+    pub(super) fn exchange(&mut self, parts: &mut MixtureParts) -> Result<()> {
+        std::mem::swap(&mut self.parts, parts);
+        let MixtureParts { weights, means, covariances, .. } = &self.parts;
+        for (what, values) in [("weights", weights), ("means", means), ("covariances", covariances)] {
+            // Without an early end the check of all values compiles to vector code.
+            if !values.iter().fold(true, |finite, v| finite & v.is_finite()) {
+                let index = values.iter().position(|v| !v.is_finite()).unwrap_or(0);
+                return Err(Error::NotFinite { what, index, value: values[index] });
+            }
+        }
+        self.factor()
+    }
+
     fn factor(&mut self) -> Result<()> {
         let MixtureParts { kind, dim: d, weights, covariances, .. } = &self.parts;
         let (k, d) = (weights.len(), *d);
@@ -194,37 +229,128 @@ impl Mixture {
     }
 
     /// Number of components `k`.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Diagonal, dim: 2, weights: vec![0.25, 0.75], means: vec![0.0, 1.0, 2.0, 3.0],
+    /// #     covariances: vec![4.0, 9.0, 1.0, 1.0],
+    /// # };
+    /// let mixture = Mixture::new(parts)?; // means (0, 1) and (2, 3)
+    /// assert_eq!(mixture.components(), 2);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn components(&self) -> usize {
         self.parts.weights.len()
     }
 
     /// Dimension `d`.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Diagonal, dim: 2, weights: vec![0.25, 0.75], means: vec![0.0, 1.0, 2.0, 3.0],
+    /// #     covariances: vec![4.0, 9.0, 1.0, 1.0],
+    /// # };
+    /// let mixture = Mixture::new(parts)?; // means (0, 1) and (2, 3)
+    /// assert_eq!(mixture.dim(), 2);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn dim(&self) -> usize {
         self.parts.dim
     }
 
     /// Shape of the covariances.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Diagonal, dim: 2, weights: vec![0.25, 0.75], means: vec![0.0, 1.0, 2.0, 3.0],
+    /// #     covariances: vec![4.0, 9.0, 1.0, 1.0],
+    /// # };
+    /// let mixture = Mixture::new(parts)?; // means (0, 1) and (2, 3)
+    /// assert_eq!(mixture.covariance_kind(), CovarianceKind::Diagonal);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn covariance_kind(&self) -> CovarianceKind {
         self.parts.kind
     }
 
     /// Weights `pi: (k)`.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Diagonal, dim: 2, weights: vec![0.25, 0.75], means: vec![0.0, 1.0, 2.0, 3.0],
+    /// #     covariances: vec![4.0, 9.0, 1.0, 1.0],
+    /// # };
+    /// let mixture = Mixture::new(parts)?; // means (0, 1) and (2, 3)
+    /// assert_eq!(mixture.weights(), [0.25, 0.75]);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn weights(&self) -> &[f64] {
         &self.parts.weights
     }
 
     /// Means `mu: (k, d)`, row-major.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Diagonal, dim: 2, weights: vec![0.25, 0.75], means: vec![0.0, 1.0, 2.0, 3.0],
+    /// #     covariances: vec![4.0, 9.0, 1.0, 1.0],
+    /// # };
+    /// let mixture = Mixture::new(parts)?; // means (0, 1) and (2, 3)
+    /// assert_eq!(mixture.means(), [0.0, 1.0, 2.0, 3.0]);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn means(&self) -> &[f64] {
         &self.parts.means
     }
 
     /// Mean of one component, `(d)`.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Diagonal, dim: 2, weights: vec![0.25, 0.75], means: vec![0.0, 1.0, 2.0, 3.0],
+    /// #     covariances: vec![4.0, 9.0, 1.0, 1.0],
+    /// # };
+    /// let mixture = Mixture::new(parts)?; // means (0, 1) and (2, 3)
+    /// assert_eq!(mixture.mean(1), [2.0, 3.0]);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn mean(&self, component: usize) -> &[f64] {
         let d = self.dim();
         &self.parts.means[component * d..(component + 1) * d]
     }
 
     /// Stored covariances: full `(k, d, d)`, tied `(d, d)`, diagonal `(k, d)`, spherical `(k)`.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Diagonal, dim: 2, weights: vec![0.25, 0.75], means: vec![0.0, 1.0, 2.0, 3.0],
+    /// #     covariances: vec![4.0, 9.0, 1.0, 1.0],
+    /// # };
+    /// let mixture = Mixture::new(parts)?; // means (0, 1) and (2, 3)
+    /// assert_eq!(mixture.covariances(), [4.0, 9.0, 1.0, 1.0]);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn covariances(&self) -> &[f64] {
         &self.parts.covariances
     }
@@ -255,6 +381,19 @@ impl Mixture {
     }
 
     /// The numbers, for storage.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// # let parts = MixtureParts {
+    /// #     kind: CovarianceKind::Diagonal, dim: 2, weights: vec![0.25, 0.75], means: vec![0.0, 1.0, 2.0, 3.0],
+    /// #     covariances: vec![4.0, 9.0, 1.0, 1.0],
+    /// # };
+    /// let mixture = Mixture::new(parts)?; // means (0, 1) and (2, 3)
+    /// assert_eq!(mixture.parts().weights, [0.25, 0.75]);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn parts(&self) -> &MixtureParts {
         &self.parts
     }

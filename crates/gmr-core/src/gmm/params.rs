@@ -10,6 +10,20 @@ use crate::fusion::Fusion;
 use crate::samples::Samples;
 
 /// Shape of the covariances.
+///
+/// ```
+/// # use gmr_core::{CovarianceKind, Mixture, MixtureParts};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// # let parts = MixtureParts {
+/// #     kind: CovarianceKind::Diagonal, dim: 2, weights: vec![0.25, 0.75], means: vec![0.0, 1.0, 2.0, 3.0],
+/// #     covariances: vec![4.0, 9.0, 1.0, 1.0],
+/// # };
+/// // Stored per component: two variances here, four numbers if the matrices were full.
+/// assert_eq!(parts.covariances.len(), 4);
+/// assert_eq!(Mixture::new(parts)?.covariance(0), [4.0, 0.0, 0.0, 9.0]);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CovarianceKind {
@@ -24,6 +38,20 @@ pub enum CovarianceKind {
 }
 
 /// Where the EM starts.
+///
+/// ```
+/// # use gmr_core::{CovarianceKind, GmmParams, MissingValues, RestartOutcome, Samples, Start, Stop};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// let values = [-1.1, -1.0, -0.9, 0.9, 1.0, 1.1];
+/// let samples = Samples::new(&values, 1)?;
+/// let params = GmmParams { components: 2, start: Start::RandomSamples, ..GmmParams::default() };
+/// let (mixture, _) = params.clone().validate()?.fit(&samples)?;
+/// let warm = GmmParams { start: Start::Mixture(Box::new(mixture)), ..params }.validate()?;
+/// // Nothing is left to do for a warm start at the optimum: the second step sees no change.
+/// assert_eq!(warm.fit(&samples)?.1.iterations, 2);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Start {
@@ -38,6 +66,17 @@ pub enum Start {
 }
 
 /// What a fit does with NaN.
+///
+/// ```
+/// # use gmr_core::{CovarianceKind, GmmParams, MissingValues, RestartOutcome, Samples, Start, Stop};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// let values = [1.0, 2.0, 3.0, f64::NAN];
+/// let missing = MissingValues::Marginalise;
+/// let plan = GmmParams { missing, ..GmmParams::default() }.validate()?;
+/// assert!((plan.fit(&Samples::new(&values, 1)?)?.0.mean(0)[0] - 2.0).abs() < 1e-12);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum MissingValues {
@@ -120,6 +159,12 @@ impl Default for GmmParams {
 impl GmmParams {
     /// Checks every field.
     ///
+    /// ```
+    /// use gmr_core::{Error, GmmParams};
+    /// let refused = GmmParams { shrinkage: 1.0, ..GmmParams::default() }.validate();
+    /// assert_eq!(refused, Err(Error::InvalidParameter { name: "shrinkage", allowed: "[0, 1)", value: 1.0 }));
+    /// ```
+    ///
     /// # Errors
     /// [`Error::InvalidParameter`] names the field, the allowed interval and the value.
     pub fn validate(self) -> Result<GmmPlan> {
@@ -161,6 +206,14 @@ impl GmmParams {
 }
 
 /// Checked parameters; the only thing that can fit a mixture.
+///
+/// ```
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// let plan = gmr_core::GmmParams { components: 3, ..Default::default() }.validate()?;
+/// assert_eq!(plan.params().components, 3);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct GmmPlan {
     params: GmmParams,
@@ -168,6 +221,14 @@ pub struct GmmPlan {
 
 impl GmmPlan {
     /// The checked parameters.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// let plan = gmr_core::GmmParams::default().validate()?;
+    /// assert_eq!(plan.params().floor, 1e-9);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn params(&self) -> &GmmParams {
         &self.params
     }
@@ -175,6 +236,19 @@ impl GmmPlan {
     /// Fits a mixture to `samples: (n, d)` by expectation maximisation.
     ///
     /// Runs on the current rayon thread pool; the result does not depend on its size.
+    ///
+    /// ```
+    /// # use gmr_core::{CovarianceKind, GmmParams, MissingValues, RestartOutcome, Samples, Start, Stop};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// let values = [-1.0, 1.0];
+    /// let plan = GmmParams::default().validate()?;
+    /// let (mixture, report) = plan.fit(&Samples::new(&values, 1)?)?;
+    /// assert!(mixture.mean(0)[0].abs() < 1e-12 && (mixture.covariance(0)[0] - 1.0).abs() < 1e-12);
+    /// // Two samples of the density exp(-1/2) / sqrt(2 pi) each.
+    /// assert!((report.log_likelihood + 2.837_877_066_409_345).abs() < 1e-9);
+    /// # Ok(())
+    /// # }
+    /// ```
     ///
     /// # Errors
     /// Fewer distinct samples than components, missing values where they are not accepted, or
@@ -186,6 +260,20 @@ impl GmmPlan {
     /// As [`GmmPlan::fit`], with the weights of every M step after the start fused with an ARIMA model's
     /// errors (paper, eqs. 11-14; see [`crate::FusionReading`]). The likelihood may then fall;
     /// the report tells what fusion did in every iteration.
+    ///
+    /// ```
+    /// use gmr_core::{Fusion, FusionReading, GmmParams, Samples};
+    /// # fn main() -> Result<(), gmr_core::Error> {
+    /// let values = [-1.1, -1.0, -0.9, 0.9, 1.0, 1.1];
+    /// let plan = GmmParams { components: 2, ..GmmParams::default() }.validate()?;
+    /// // Two components with equal errors support each other equally: the weights stay.
+    /// let fusion = Fusion::new(&[1.0; 6], FusionReading::Components)?;
+    /// let (mixture, report) = plan.fit_fused(&Samples::new(&values, 1)?, &fusion)?;
+    /// assert!((mixture.weights()[0] - 0.5).abs() < 1e-9);
+    /// assert_eq!(report.fusion.map(|f| f.steps.len()), Some(report.iterations));
+    /// # Ok(())
+    /// # }
+    /// ```
     ///
     /// # Errors
     /// As [`GmmPlan::fit`], or not one error per sample.

@@ -5,6 +5,17 @@ use serde::{Deserialize, Serialize};
 use crate::fusion::FusionReport;
 
 /// Why an EM run ended.
+///
+/// ```
+/// # use gmr_core::{CovarianceKind, GmmParams, MissingValues, RestartOutcome, Samples, Start, Stop};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// let values = [-1.0, 1.0];
+/// let plan = GmmParams::default().validate()?;
+/// let (mixture, report) = plan.fit(&Samples::new(&values, 1)?)?;
+/// assert!(matches!(report.stop, Stop::Converged { change } if change.abs() < 1e-6));
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Stop {
@@ -21,6 +32,19 @@ pub enum Stop {
 }
 
 /// How one start ended.
+///
+/// ```
+/// # use gmr_core::{CovarianceKind, GmmParams, MissingValues, RestartOutcome, Samples, Start, Stop};
+/// use gmr_core::Error;
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// // Without a floor, equal samples have a covariance of zero.
+/// let plan = GmmParams { floor: 0.0, ..GmmParams::default() }.validate()?;
+/// let Err(Error::AllRestartsFailed { restarts }) = plan.fit(&Samples::new(&[1.0, 1.0], 1)?) else { panic!() };
+/// let collapsed = RestartOutcome::CollapsedComponent { component: 0, iteration: 0, pivot: 0.0 };
+/// assert_eq!(restarts[0].outcome, collapsed);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RestartOutcome {
@@ -52,6 +76,18 @@ pub enum RestartOutcome {
 }
 
 /// One start of a fit.
+///
+/// ```
+/// # use gmr_core::{CovarianceKind, GmmParams, MissingValues, RestartOutcome, Samples, Start, Stop};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// let values = [-1.0, 1.0];
+/// let plan = GmmParams::default().validate()?;
+/// let (mixture, report) = plan.fit(&Samples::new(&values, 1)?)?;
+/// assert_eq!(report.restarts[0].iterations, report.iterations);
+/// assert!((report.restarts[0].log_likelihood.unwrap_or(0.0) + 1.418_938_533_204_672_7).abs() < 1e-9);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RestartReport {
     /// How it ended.
@@ -63,6 +99,18 @@ pub struct RestartReport {
 }
 
 /// A component whose covariance was raised to the floor.
+///
+/// ```
+/// # use gmr_core::{CovarianceKind, GmmParams, MissingValues, RestartOutcome, Samples, Start, Stop};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// // Equal samples: the variance of zero is raised to the floor.
+/// let plan = GmmParams::default().validate()?;
+/// let (mixture, report) = plan.fit(&Samples::new(&[1.0, 1.0], 1)?)?;
+/// assert_eq!(report.regularisation.floored[0].smallest_eigenvalue, 0.0);
+/// assert!((mixture.covariance(0)[0] - 1e-9).abs() < 1e-20);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Floored {
     /// The component (0 for a tied covariance).
@@ -79,6 +127,18 @@ pub struct Floored {
 }
 
 /// Everything that was added to covariances.
+///
+/// ```
+/// # use gmr_core::{CovarianceKind, GmmParams, MissingValues, RestartOutcome, Samples, Start, Stop};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// let values = [-1.0, 1.0];
+/// let plan = GmmParams::default().validate()?;
+/// let (mixture, report) = plan.fit(&Samples::new(&values, 1)?)?;
+/// assert_eq!((report.regularisation.ridge, report.regularisation.floor), (0.0, 1e-9));
+/// assert!(report.regularisation.floored.is_empty());
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Regularisation {
     /// Ridge added to every variance in every M step.
@@ -92,6 +152,18 @@ pub struct Regularisation {
 }
 
 /// Missing values of a fit, all integrated out.
+///
+/// ```
+/// # use gmr_core::{CovarianceKind, GmmParams, MissingValues, RestartOutcome, Samples, Start, Stop};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// let values = [1.0, 2.0, 3.0, f64::NAN, f64::NAN, f64::NAN, 4.0, 7.0];
+/// let missing = MissingValues::Marginalise;
+/// let plan = GmmParams { missing, ..GmmParams::default() }.validate()?;
+/// let report = plan.fit(&Samples::new(&values, 2)?)?.1.missing.unwrap_or_default();
+/// assert_eq!((report.values, report.partial_rows, report.unused_rows), (3, 1, 1));
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct MissingReport {
     /// Missing values. The start, and only the start, saw their column's mean instead.
@@ -103,6 +175,18 @@ pub struct MissingReport {
 }
 
 /// What a fit did; nothing is repaired that is not listed here.
+///
+/// ```
+/// # use gmr_core::{CovarianceKind, GmmParams, MissingValues, RestartOutcome, Samples, Start, Stop};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// let values = [-1.0, 1.0];
+/// let plan = GmmParams::default().validate()?;
+/// let (mixture, report) = plan.fit(&Samples::new(&values, 1)?)?;
+/// assert_eq!((report.parameters, report.history.len()), (2, report.iterations)); // a mean and a variance
+/// assert!((report.aic - (4.0 - 2.0 * report.log_likelihood)).abs() < 1e-12);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FitReport {
     /// Why the kept run stopped.

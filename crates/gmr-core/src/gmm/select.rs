@@ -12,6 +12,18 @@ use crate::error::{Error, Result};
 use crate::samples::Samples;
 
 /// What is minimised.
+///
+/// ```
+/// use gmr_core::{Criterion, GmmParams, Samples, select_components};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// let values: Vec<f64> = (0..40).map(|i| f64::from(i % 2) * 10.0 + 0.1 * (f64::from(i) * 1.7).sin()).collect();
+/// let found = select_components(&Samples::new(&values, 1)?, &GmmParams::default(), 1..=3, Criterion::Bic)?;
+/// let rows = found.table.iter().filter_map(|row| row.result.as_ref().ok());
+/// let least = rows.map(|report| report.bic).fold(f64::INFINITY, f64::min);
+/// assert_eq!(found.table[found.best].result.as_ref().map(|report| report.bic), Ok(least));
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Criterion {
@@ -22,6 +34,17 @@ pub enum Criterion {
 }
 
 /// One row of the table.
+///
+/// ```
+/// use gmr_core::{Criterion, GmmParams, Samples, select_components};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// let samples = [-1.0, 0.0, 1.0];
+/// let found = select_components(&Samples::new(&samples, 1)?, &GmmParams::default(), 1..=1, Criterion::Aic)?;
+/// assert_eq!(found.table[0].components, 1);
+/// assert_eq!(found.table[0].result.as_ref().map(|report| report.parameters), Ok(2));
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Candidate {
     /// Number of components.
@@ -31,6 +54,17 @@ pub struct Candidate {
 }
 
 /// The chosen mixture and the whole table.
+///
+/// ```
+/// use gmr_core::{Criterion, GmmParams, Samples, select_components};
+/// # fn main() -> Result<(), gmr_core::Error> {
+/// let samples = [-1.0, 0.0, 1.0];
+/// let found = select_components(&Samples::new(&samples, 1)?, &GmmParams::default(), 1..=1, Criterion::Aic)?;
+/// assert_eq!((found.best, found.table.len()), (0, 1));
+/// assert!((found.mixture.covariance(0)[0] - 2.0 / 3.0).abs() < 1e-12);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Selection {
     /// The mixture with the lowest criterion.

@@ -4,7 +4,7 @@ use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
 use super::params::Start;
-use crate::kernel::Blocks;
+use crate::kernel::{Blocks, LabelLanes};
 use crate::samples::Samples;
 
 /// Lloyd stops when the squared shift of all centres falls below this share of the mean variance.
@@ -14,7 +14,10 @@ const LLOYD_LIMIT: usize = 300;
 
 /// Hard assignment of each sample to a component.
 pub(super) struct Assignment {
-    pub(super) labels: Vec<u32>,
+    /// The component of each sample, as a number; one for each padded sample of the blocks.
+    pub(super) labels: Vec<f64>,
+    /// What the assignment was made by, `(k, d)`.
+    pub(super) centres: Vec<f64>,
     /// Lloyd iterations done.
     pub(super) iterations: usize,
 }
@@ -30,14 +33,14 @@ pub(super) fn assign(
         Start::RandomSamples => random_seeds(samples, k, rng),
         Start::KMeans | Start::KMeansPlusPlus | Start::Mixture(_) => plus_plus_seeds(blocks, samples, k, rng),
     };
-    let mut labels = vec![0; samples.len()];
-    let mut distances = vec![0.0; samples.len()];
+    let mut labels = vec![0.0; blocks.padded()];
+    let mut distances = vec![0.0; blocks.padded()];
     let mut iterations = 0;
     if matches!(start, Start::KMeans) {
         iterations = lloyd(blocks, samples, k, &mut centres, &mut labels, &mut distances);
     }
     blocks.nearest(&centres, &mut labels, &mut distances);
-    Assignment { labels, iterations }
+    Assignment { labels, centres, iterations }
 }
 
 /// Distinct rows with positive weight, uniformly.
@@ -110,15 +113,16 @@ fn lloyd(
     samples: &Samples<'_>,
     k: usize,
     centres: &mut [f64],
-    labels: &mut [u32],
+    labels: &mut [f64],
     distances: &mut [f64],
 ) -> usize {
     let dim = samples.dim();
     let threshold = LLOYD_TOLERANCE * mean_variance(samples);
     let mut sums = vec![0.0; k * (dim + 1)];
+    let mut lanes = LabelLanes::new(k, dim);
     for iteration in 1..=LLOYD_LIMIT {
         blocks.nearest(centres, labels, distances);
-        label_sums(samples, labels, &mut sums);
+        blocks.label_sums(labels, &mut sums, &mut lanes);
         for c in 0..k {
             if sums[c * (dim + 1)] > 0.0 {
                 continue;
@@ -145,57 +149,6 @@ fn lloyd(
         }
     }
     LLOYD_LIMIT
-}
-
-/// Sum of the samples of each label, with weights: rows of `[weight, sum_1 .. sum_d]`.
-fn label_sums(samples: &Samples<'_>, labels: &[u32], sums: &mut [f64]) {
-    match samples.dim() {
-        1 => label_sums_of::<1>(samples, labels, sums),
-        2 => label_sums_of::<2>(samples, labels, sums),
-        3 => label_sums_of::<3>(samples, labels, sums),
-        4 => label_sums_of::<4>(samples, labels, sums),
-        5 => label_sums_of::<5>(samples, labels, sums),
-        6 => label_sums_of::<6>(samples, labels, sums),
-        7 => label_sums_of::<7>(samples, labels, sums),
-        8 => label_sums_of::<8>(samples, labels, sums),
-        d => {
-            sums.fill(0.0);
-            for (i, (row, label)) in samples.values().chunks_exact(d).zip(labels).enumerate() {
-                let w = samples.weight(i);
-                let out = &mut sums[*label as usize * (d + 1)..][..=d];
-                out[0] += w;
-                for (o, v) in out[1..].iter_mut().zip(row) {
-                    *o += w * v;
-                }
-            }
-        }
-    }
-}
-
-/// As [`label_sums`], with the sums of a run of equal labels kept in registers: samples of a motion come in such runs.
-fn label_sums_of<const D: usize>(samples: &Samples<'_>, labels: &[u32], sums: &mut [f64]) {
-    sums.fill(0.0);
-    let (rows, _) = samples.values().as_chunks::<D>();
-    let mut at = 0;
-    while at < rows.len() {
-        let label = labels[at];
-        let end = at + labels[at..].iter().take_while(|l| **l == label).count();
-        let mut mass = 0.0;
-        let mut sum = [0.0; D];
-        for (i, row) in (at..).zip(&rows[at..end]) {
-            let w = samples.weight(i);
-            mass += w;
-            for (s, v) in sum.iter_mut().zip(row) {
-                *s += w * v;
-            }
-        }
-        let out = &mut sums[label as usize * (D + 1)..][..=D];
-        out[0] += mass;
-        for (o, s) in out[1..].iter_mut().zip(&sum) {
-            *o += s;
-        }
-        at = end;
-    }
 }
 
 /// Mean over columns of the sample variance.
