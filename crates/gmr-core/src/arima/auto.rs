@@ -51,8 +51,8 @@ impl Default for AutoArimaParams {
 /// ```
 /// # fn main() -> Result<(), gmr_core::Error> {
 /// let plan = gmr_core::AutoArimaParams { max_p: 1, max_q: 1, ..Default::default() }.validate()?;
-/// // A constant series fits no order.
-/// assert!(plan.fit(&[1.0; 50]).is_err());
+/// // A series of zeros fits no order: its likelihood is unbounded.
+/// assert!(plan.fit(&[0.0; 50]).is_err());
 /// # Ok(())
 /// # }
 /// ```
@@ -147,7 +147,7 @@ impl AutoArimaPlan {
     /// ```
     ///
     /// # Errors
-    /// Infinite values, too few values, or a series no order fits (for instance a constant one).
+    /// Infinite values, too few values, or a series no order fits (for instance one of zeros).
     pub fn fit(&self, y: &[f64]) -> Result<AutoArima> {
         check_series(y)?;
         let mut series: Vec<f64> = y.iter().copied().filter(|v| !v.is_nan()).collect();

@@ -244,7 +244,7 @@ impl Arima {
     /// ```
     ///
     /// # Errors
-    /// Infinite values, or no more observed values than `d`.
+    /// Infinite values, or fewer observed values than `d`.
     pub fn log_likelihood(&self, y: &[f64]) -> Result<f64> {
         check_series(y)?;
         let (d, variance) = (self.parts.difference, self.parts.variance);
@@ -275,7 +275,7 @@ impl Arima {
     /// ```
     ///
     /// # Errors
-    /// Infinite values, or no more observed values than `d`.
+    /// Infinite values, or fewer observed values than `d`.
     pub fn filter(&self, y: &[f64]) -> Result<ArimaRun> {
         check_series(y)?;
         let (d, variance) = (self.parts.difference, self.parts.variance);
