@@ -121,10 +121,17 @@ fn a_killed_host_leaves_an_arm_at_rest_in_time_that_nobody_but_an_operator_wakes
         worst_margin_ms = worst_margin_ms.min(margin_s * 1e3);
         host.kill();
         arm.run(Duration::from_millis(110));
-        // A machine that keeps this thread from running for 100 ms is a cause of its own.
         let (state, cause) = arm.state();
         assert_eq!(state, ControllerState::Latched);
-        assert!(matches!(cause, Some(StopCause::HostSilent | StopCause::ControllerStalled)), "{cause:?}");
+        // No sets, or none that could act: on a machine that stood still the last ones have aged, or come after a gap.
+        let expected = [
+            StopCause::HostSilent,
+            StopCause::StaleSetpoints,
+            StopCause::WrongSequence,
+            StopCause::IncompleteSets,
+            StopCause::ControllerStalled,
+        ];
+        assert!(cause.is_some_and(|cause| expected.contains(&cause)), "{cause:?}");
 
         // A new process without an operator moves nothing.
         let rest = arm.joints.clone();
@@ -138,6 +145,9 @@ fn a_killed_host_leaves_an_arm_at_rest_in_time_that_nobody_but_an_operator_wakes
         assert_eq!(arm.joints, rest);
         assert_eq!(arm.state().0, ControllerState::Latched);
         kill += 1;
+        if kill.is_multiple_of(100) {
+            eprintln!("{kill} kills, least margin {worst_margin_ms:.2} ms, {self_stopped} runs had stopped before");
+        }
     }
     eprintln!(
         "{kills} kills, {moving} of a moving arm, none restarted; least margin {worst_margin_ms:.2} ms; {self_stopped} \

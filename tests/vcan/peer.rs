@@ -109,7 +109,8 @@ fn host(
     let mut wanted: Vec<f64> = Vec::with_capacity(6);
     let mut active: Option<Duration> = None;
     let mut before_active: Option<Vec<f64>> = None;
-    let mut may_reset = reset;
+    // A machine that stands still can end a session that has only begun: the operator presses again.
+    let mut resets_left = if reset { 5 } else { 0 };
     let mut switches = usage()?.1;
     let start = Instant::now();
     let mut due = cycle;
@@ -141,8 +142,8 @@ fn host(
                 before_active = Some(wanted.clone());
                 report("active");
             }
-            HostState::Stopped if may_reset => {
-                may_reset = false;
+            HostState::Stopped if active.is_none() && resets_left > 0 => {
+                resets_left -= 1;
                 session.reset()?;
             }
             HostState::Stopped if !reset || active.is_some() => {
