@@ -49,4 +49,4 @@ def montage(rows: Sequence[Sequence[Tile]], titles: Sequence[str], path: Path) -
         for k, tile in enumerate(row):
             sheet.paste(arms(tile), (k * width, i * height + 16))
     path.parent.mkdir(parents=True, exist_ok=True)
-    sheet.save(path, "JPEG", quality=82)
+    sheet.save(path, "JPEG", quality=68)
