@@ -7,7 +7,7 @@ use std::time::Duration;
 use can_driver::{CandumpLine, Message, Protocol};
 use serde_json::Value;
 
-use crate::{Process, disturbed, interface, pause, peer, prepared};
+use crate::{Process, active, host_report, interface, judged, pause, peer, prepared};
 
 /// Runs host and controller for some seconds, with candump beside them; gives the host's report
 /// and the log. `centre` are angles that the host stays near.
@@ -36,9 +36,7 @@ pub(crate) fn captured_run(
     candump.kill();
     let mut text = String::new();
     std::fs::File::open(&log).unwrap().read_to_string(&mut text).unwrap();
-    let stdout = String::from_utf8(output.stdout).unwrap();
-    let report = stdout.lines().last().and_then(|line| serde_json::from_str(line).ok());
-    (report.unwrap_or_else(|| panic!("no report in {stdout:?}")), text)
+    (host_report(&output), text)
 }
 
 /// Every frame of a log through the codec: how many of each identifier.
@@ -60,17 +58,7 @@ fn decoded(log: &str) -> std::collections::BTreeMap<u16, usize> {
 fn a_host_and_a_controller_process_exchange_whole_sets_while_candump_listens() {
     let Some(name) = interface(1) else { return };
     let run = || captured_run(&name, peer(&["controller", &name, "30"]), 200, 2.0, None);
-    let (mut report, mut log) = run();
-    for _ in 0..3 {
-        if report["state"] == "Active" || !disturbed(&report) {
-            break;
-        }
-        (report, log) = run();
-    }
-    if report["state"] != "Active" && disturbed(&report) {
-        eprintln!("NOT JUDGED: this machine wakes processes too late for 200 Hz: {report}");
-        return;
-    }
+    let Some((report, log)) = judged(active, run) else { return };
     assert_eq!(report["state"], "Active", "{report}");
     assert_eq!(report["corrupt_frames"], 0, "{report}");
     assert_eq!(report["transmit_full"], 0, "{report}");

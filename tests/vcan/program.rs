@@ -6,7 +6,7 @@ use std::time::Duration;
 use can_driver::CandumpLine;
 
 use crate::processes::captured_run;
-use crate::{Process, interface, pause, peer, prepared};
+use crate::{Process, active, interface, judged, pause, peer, prepared};
 
 /// Where the arm of the built-in cell stands, from the configuration that the program prints.
 fn home() -> String {
@@ -19,10 +19,14 @@ fn home() -> String {
 #[test]
 fn ogg_controller_is_a_controller_for_a_host_in_another_process() {
     let Some(name) = interface(2) else { return };
-    let mut controller = Command::new(prepared("OGG_BIN"));
-    controller.args(["controller", "--bus", &name]);
+    let home = home();
     // The host asks for tighter limits than the arm's own, which are granted.
-    let (report, log) = captured_run(&name, controller, 200, 1.0, Some(&home()));
+    let run = || {
+        let mut controller = Command::new(prepared("OGG_BIN"));
+        controller.args(["controller", "--bus", &name]);
+        captured_run(&name, controller, 200, 1.0, Some(&home))
+    };
+    let Some((report, log)) = judged(active, run) else { return };
     assert_eq!(report["state"], "Active", "{report}");
     assert!(log.lines().count() > 1000, "{}", log.lines().count());
 }
