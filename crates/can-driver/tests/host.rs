@@ -303,12 +303,18 @@ fn a_controller_that_stays_ready_is_given_half_a_second_to_enable() {
     assert!(took >= 490 * MS && took <= 520 * MS, "{took:?}");
 }
 
-#[test]
-fn a_reset_that_the_controller_does_not_take_is_refused_after_three_seconds() {
+/// A pair that was stopped, has come to rest, and is to be reset.
+fn reset() -> Rig {
     let mut rig = active(standard());
     rig.run(CYCLE, Command::Stop(StopCause::OperatorStop));
     rig.run(500 * MS, HOLD);
     rig.host.reset().unwrap();
+    rig
+}
+
+#[test]
+fn a_reset_that_the_controller_does_not_take_is_refused_after_three_seconds() {
+    let mut rig = reset();
     until_told(&mut rig, HostState::Resetting, 2 * CYCLE, HOLD, told(ControllerState::Latched));
     let took = until_told(&mut rig, HostState::Stopped, 4000 * MS, HOLD, told(ControllerState::Latched));
     assert_eq!(cause(&rig), Some(StopCause::ResetRefused));
@@ -317,10 +323,7 @@ fn a_reset_that_the_controller_does_not_take_is_refused_after_three_seconds() {
 
 #[test]
 fn a_reset_begins_anew_with_a_controller_that_has_forgotten_the_session() {
-    let mut rig = active(standard());
-    rig.run(CYCLE, Command::Stop(StopCause::OperatorStop));
-    rig.run(500 * MS, HOLD);
-    rig.host.reset().unwrap();
+    let mut rig = reset();
     let forgotten = |message: &mut Message| {
         if let Message::Status(status) = message {
             status.state = ControllerState::Latched;

@@ -13,7 +13,6 @@ mod network;
 mod person;
 pub mod preprocess;
 mod runtime;
-mod simd;
 mod skeleton;
 mod targets;
 mod worker;

@@ -22,10 +22,11 @@
 //! row is read once, and only the columns inside the crop. Rounding of weights moves a value by less than one grey level
 //! for a shrink of up to 8.
 
+use pulp::Arch;
+
 use crate::{
     ImageView,
     card::{ColourOrder, ElementType, InputSpec, Layout},
-    simd::Machine,
 };
 
 mod passes;
@@ -107,7 +108,7 @@ pub struct Preprocessor {
     words: Vec<u16>,
     sums: Vec<f32>,
     line: Vec<[f32; 4]>,
-    machine: Machine,
+    arch: Arch,
 }
 
 impl Preprocessor {
@@ -131,7 +132,7 @@ impl Preprocessor {
             words: Vec::new(),
             sums: Vec::new(),
             line: Vec::new(),
-            machine: Machine::detect(),
+            arch: Arch::new(),
         };
         new.resize(input.width, input.height);
         new
@@ -176,7 +177,7 @@ impl Preprocessor {
     pub fn fill(&mut self, image: ImageView<'_>, map: CropMap) -> &TensorData {
         self.columns.compute(map.left_px, map.scale, self.width, image.width());
         self.rows.compute(map.top_px, map.scale, self.height, image.height());
-        self.machine.run(Fill {
+        self.arch.dispatch(Fill {
             image,
             columns: &self.columns,
             rows: &self.rows,

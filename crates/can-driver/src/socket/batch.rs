@@ -3,6 +3,7 @@
 //! A cycle sends and receives four frames, and a system call costs more than what the kernel does
 //! with a frame: `sendmmsg` and `recvmmsg` take them together.
 
+use std::cell::RefCell;
 use std::io::{self, IoSlice, IoSliceMut};
 use std::os::fd::AsRawFd;
 use std::time::{Duration, SystemTime};
@@ -22,6 +23,14 @@ const CLASSIC_BYTES: usize = 16;
 /// Bytes of `struct canfd_frame`: identifier, length, flags, two bytes of padding, data.
 const FD_BYTES: usize = 72;
 
+thread_local! {
+    // They hold pointers, so that a socket that owned them could not move to another thread. Both calls set all of a
+    // header anew but the room for control messages, which is as long as the stamp that every frame carries.
+    static SENT: RefCell<MultiHeaders<()>> = RefCell::new(MultiHeaders::preallocate(BATCH, None));
+    static RECEIVED: RefCell<MultiHeaders<()>> =
+        RefCell::new(MultiHeaders::preallocate(BATCH, Some(cmsg_space!(TimeSpec))));
+}
+
 /// Hands at most [`BATCH`] frames over and returns how many the kernel has taken. An error is that of the
 /// first frame.
 pub(super) fn send(socket: &impl AsRawFd, frames: &[Frame]) -> io::Result<usize> {
@@ -33,45 +42,35 @@ pub(super) fn send(socket: &impl AsRawFd, frames: &[Frame]) -> io::Result<usize>
         bytes[8..8 + data.len()].copy_from_slice(data);
     }
     let count = frames.len().min(BATCH);
-    let slices = wire.each_ref().map(|bytes| [IoSlice::new(bytes)]);
-    let mut headers = MultiHeaders::<()>::preallocate(count, None);
-    let sent = sendmmsg(socket.as_raw_fd(), &mut headers, &slices[..count], [None; BATCH], [], MsgFlags::empty())?;
-    Ok(sent.count())
+    SENT.with_borrow_mut(|headers| {
+        let slices = wire.each_ref().map(|bytes| [IoSlice::new(bytes)]);
+        let sent = sendmmsg(socket.as_raw_fd(), headers, &slices[..count], [None; BATCH], [], MsgFlags::empty())?;
+        Ok(sent.count())
+    })
 }
 
-/// Frames with the kernel's stamps.
-#[derive(Debug)]
-pub(super) struct Received {
-    frames: [Option<(CanAnyFrame, Option<SystemTime>)>; BATCH],
-    /// How many the kernel gave, those of an unknown layout too.
-    pub(super) count: usize,
-}
+/// A frame, `None` if its layout is unknown here, and the kernel's stamp.
+pub(super) type Arrived = (Option<CanAnyFrame>, Option<SystemTime>);
 
-impl Received {
-    pub(super) fn into_frames(self) -> impl Iterator<Item = (CanAnyFrame, Option<SystemTime>)> {
-        self.frames.into_iter().flatten()
-    }
-}
-
-/// Takes at most `limit` and at most [`BATCH`] frames that have arrived.
-pub(super) fn receive(socket: &impl AsRawFd, limit: usize) -> io::Result<Received> {
-    let mut wire = [[0_u8; FD_BYTES]; BATCH];
-    let mut slices = wire.each_mut().map(|bytes| [IoSliceMut::new(bytes)]);
-    let slices = &mut slices[..limit.min(BATCH)];
-    let mut headers = MultiHeaders::<()>::preallocate(slices.len(), Some(cmsg_space!(TimeSpec)));
-    let got = recvmmsg(socket.as_raw_fd(), &mut headers, slices, MsgFlags::empty(), None)?;
-    let mut received = Received { frames: [None; BATCH], count: 0 };
-    for message in got {
-        let stamp = message.cmsgs().ok().and_then(|mut all| {
-            all.find_map(|one| match one {
-                ControlMessageOwned::ScmTimestampns(at) => Some(SystemTime::UNIX_EPOCH + Duration::from(at)),
-                _ => None,
-            })
-        });
-        received.frames[received.count] = message.iovs().next().and_then(parsed).map(|frame| (frame, stamp));
-        received.count += 1;
-    }
-    Ok(received)
+/// Takes at most `limit` and at most [`BATCH`] frames that have arrived, the first of the places first.
+pub(super) fn receive(socket: &impl AsRawFd, limit: usize) -> io::Result<[Option<Arrived>; BATCH]> {
+    RECEIVED.with_borrow_mut(|headers| {
+        let mut wire = [[0_u8; FD_BYTES]; BATCH];
+        let mut slices = wire.each_mut().map(|bytes| [IoSliceMut::new(bytes)]);
+        let slices = &mut slices[..limit.min(BATCH)];
+        let messages = recvmmsg(socket.as_raw_fd(), headers, slices, MsgFlags::empty(), None)?;
+        let mut arrived = [None; BATCH];
+        for (place, message) in arrived.iter_mut().zip(messages) {
+            let stamp = message.cmsgs().ok().and_then(|mut all| {
+                all.find_map(|one| match one {
+                    ControlMessageOwned::ScmTimestampns(at) => Some(SystemTime::UNIX_EPOCH + Duration::from(at)),
+                    _ => None,
+                })
+            });
+            *place = Some((message.iovs().next().and_then(parsed), stamp));
+        }
+        Ok(arrived)
+    })
 }
 
 /// A frame as the kernel lays it out; the number of bytes tells the format.

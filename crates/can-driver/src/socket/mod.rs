@@ -18,7 +18,7 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use socketcan::id::{CAN_EFF_FLAG, CAN_RTR_FLAG, CAN_SFF_MASK};
 use socketcan::{CanAnyFrame, CanFdFrame, CanFdSocket, CanFilter, EmbeddedFrame, Socket, SocketOptions, StandardId};
 
-use self::batch::{BATCH, Received};
+use self::batch::{Arrived, BATCH};
 use self::faults::{PENDING_FAULTS, faults_of};
 pub use self::fd::FdFrame;
 use crate::{Bus, BusFault, Error, Event, Frame, Id, SendOutcome, Stamped};
@@ -52,7 +52,7 @@ pub enum SocketEvent {
 /// What a socket has passed over.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SocketCounts {
-    /// Frames with 29-bit identifiers and remote frames.
+    /// Frames with 29-bit identifiers, remote frames, and frames of a layout that is neither classic nor FD.
     pub unsupported: u64,
     /// FD frames that [`Bus::receive`] met.
     pub fd_ignored: u64,
@@ -155,17 +155,15 @@ impl SocketCan {
             if let Some(fault) = self.faults.iter_mut().find_map(Option::take) {
                 return Ok(Some(SocketEvent::Classic(Event::Fault(fault))));
             }
-            let Some(received) = self.received(1)? else { return Ok(None) };
-            for (frame, stamp) in received.into_frames() {
-                if let Some(event) = self.understood(now, &frame, stamp) {
-                    return Ok(Some(event));
-                }
+            let Some([Some((frame, stamp)), ..]) = self.received(1)? else { return Ok(None) };
+            if let Some(event) = self.understood(now, frame, stamp) {
+                return Ok(Some(event));
             }
         }
     }
 
     /// At most `limit` frames; `None` when there is none at this moment.
-    fn received(&self, limit: usize) -> Result<Option<Received>, Error> {
+    fn received(&self, limit: usize) -> Result<Option<[Option<Arrived>; BATCH]>, Error> {
         loop {
             match batch::receive(&self.socket, limit) {
                 Ok(received) => return Ok(Some(received)),
@@ -177,17 +175,22 @@ impl SocketCan {
     }
 
     /// What a frame means here; the faults of an error frame are put by.
-    fn understood(&mut self, now: Duration, frame: &CanAnyFrame, stamp: Option<SystemTime>) -> Option<SocketEvent> {
+    fn understood(
+        &mut self,
+        now: Duration,
+        frame: Option<CanAnyFrame>,
+        stamp: Option<SystemTime>,
+    ) -> Option<SocketEvent> {
         let at = self.arrival(now, stamp);
         let event = match frame {
-            CanAnyFrame::Normal(frame) => standard(frame)
+            Some(CanAnyFrame::Normal(frame)) => standard(&frame)
                 .and_then(|id| Frame::new(id, frame.data()).ok())
                 .map(|frame| SocketEvent::Classic(Event::Frame(Stamped { at, frame }))),
-            CanAnyFrame::Fd(frame) => standard(frame)
+            Some(CanAnyFrame::Fd(frame)) => standard(&frame)
                 .and_then(|id| FdFrame::new(id, frame.data(), frame.is_brs()).ok())
                 .map(|frame| SocketEvent::Fd { at, frame }),
-            CanAnyFrame::Remote(_) => None,
-            CanAnyFrame::Error(frame) => {
+            Some(CanAnyFrame::Remote(_)) | None => None,
+            Some(CanAnyFrame::Error(frame)) => {
                 self.faults = faults_of(&frame.into_error());
                 return None;
             }
@@ -273,10 +276,10 @@ impl Bus for SocketCan {
             // A frame may name several conditions; those of the last one that find no room wait.
             let limit = ((events.capacity() - events.len()) / PENDING_FAULTS).clamp(1, BATCH);
             let Some(received) = self.received(limit)? else { break };
-            let last = received.count < limit;
-            for (frame, stamp) in received.into_frames() {
+            let last = received[limit - 1].is_none();
+            for (frame, stamp) in received.into_iter().flatten() {
                 events.extend(self.faults.iter_mut().filter_map(Option::take).map(Event::Fault));
-                match self.understood(now, &frame, stamp) {
+                match self.understood(now, frame, stamp) {
                     Some(SocketEvent::Classic(event)) => events.push(event),
                     Some(SocketEvent::Fd { .. }) => self.counts.fd_ignored += 1,
                     None => {}
