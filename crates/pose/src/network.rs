@@ -177,7 +177,8 @@ fn commit(bytes: &[u8], runtime: &Runtime, provider: ExecutionProvider) -> Resul
         }
         builder = builder.with_intra_op_spinning(runtime.options.spin).map_err(|e| e.to_string())?;
         let dispatch = match provider {
-            ExecutionProvider::Cpu => ort::ep::CPU::default().build(),
+            // Without its arena ONNX Runtime asks malloc for every run's buffers, aligned; before glibc 2.38 the heap then grows for ever.
+            ExecutionProvider::Cpu => ort::ep::CPU::default().with_arena_allocator(true).build(),
             ExecutionProvider::OpenVino => {
                 let mut openvino = ort::ep::OpenVINO::default().with_device_type("CPU");
                 if let Some(threads) = runtime.options.threads {
