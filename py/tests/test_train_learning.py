@@ -190,7 +190,7 @@ def test_the_loss_falls_within_thirty_steps(data: Path, tmp_path: Path) -> None:
 
 
 def test_the_commands_train_fuse_export_and_score(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    common = ["--size", "64x48", "--batch", "4", "--steps", "3", "--data", f"{data}*2"]
+    common = ["--size", "64x64", "--batch", "4", "--steps", "3", "--data", f"{data}*2"]
     assert cli.main(["fit", *common, "--out", str(tmp_path / "teacher")]) == 0
     model = tmp_path / "teacher.onnx"
     assert cli.main(["export", "--run", str(tmp_path / "teacher"), "--out", str(model)]) == 0

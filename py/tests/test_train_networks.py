@@ -8,6 +8,7 @@ from train_support import require_training_packages
 
 require_training_packages()
 
+import pytest
 import torch
 
 from ogg_rs.train.export import LastStage, export
@@ -107,16 +108,21 @@ def test_the_exported_network_agrees_with_pytorch_and_has_a_fixed_shape(tmp_path
 
     network = trained_looking(OggLite(19, 38))
     path = tmp_path / "lite.onnx"
-    digest = export(network, (64, 48), path, metadata={"network": "ogg-lite"})
+    digest = export(network, (64, 32), path, metadata={"network": "ogg-lite"})
     assert len(digest) == 64
     proto = onnx.load(path)
     assert 13 <= proto.opset_import[0].version <= 17
-    assert {node.op_type for node in proto.graph.node} <= {"Conv", "Relu", "Add", "Concat"}
+    assert {node.op_type for node in proto.graph.node} <= {"Conv", "ConvTranspose", "Relu", "Add", "Concat"}
     session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
-    assert session.get_inputs()[0].shape == [1, 3, 48, 64]
-    assert [(o.name, o.shape) for o in session.get_outputs()] == [("pcm", [1, 19, 6, 8]), ("paf", [1, 38, 6, 8])]
-    x = torch.rand(1, 3, 48, 64, generator=torch.Generator().manual_seed(3)) - 0.5
+    assert session.get_inputs()[0].shape == [1, 3, 32, 64]
+    assert [(o.name, o.shape) for o in session.get_outputs()] == [("pcm", [1, 19, 4, 8]), ("paf", [1, 38, 4, 8])]
+    x = torch.rand(1, 3, 32, 64, generator=torch.Generator().manual_seed(3)) - 0.5
     with torch.no_grad():
         expected = LastStage(network)(x)
     for want, got in zip(expected, session.run(None, {"image": x.numpy()}), strict=True):
         assert abs(want.numpy() - got).max() < 1e-4
+
+
+def test_ogg_lite_names_the_sides_it_takes() -> None:
+    with pytest.raises(ValueError, match="multiples of 32, got 64x40"):
+        OggLite(19, 38)(torch.zeros(1, 3, 40, 64))

@@ -55,6 +55,15 @@ def parser() -> argparse.ArgumentParser:
     people.add_argument("--second", type=float, default=0.15, help="share of pictures with a second person")
     people.add_argument("--sewing", action="store_true", help="only workers at a table, with fabric over their hands")
 
+    label = commands.add_parser("label", help="label pictures and videos of one person with a network; run again to resume")
+    label.add_argument("--teacher", required=True, metavar="CARD", help="model card (.toml), network (.onnx) or builtin:NAME")
+    label.add_argument("--weights", type=Path, nargs="+", default=[], metavar="DIR", help="where the card's weights are looked for")
+    label.add_argument("--pictures", type=Path, nargs="+", required=True, metavar="PATH", help="pictures, videos, folders of them")
+    label.add_argument("--out", type=Path, required=True)
+    label.add_argument("--every", type=int, default=1, help="take every n-th frame of videos")
+    label.add_argument("--side", type=int, default=288, help="width and height of the pictures written, px")
+    label.add_argument("--threads", type=int, default=1)
+
     fit = commands.add_parser("fit", help="train a network; run again with the same options to resume")
     fit.add_argument("--network", choices=["ogg-lite", "ogg-vgg"], default="ogg-lite")
     fit.add_argument("--profile", choices=["openpose-18", "upper-limb-8"], default="openpose-18")

@@ -13,7 +13,7 @@ import torch
 from PIL import Image
 from tqdm import tqdm
 
-from . import card, puppets, quantise, real
+from . import card, puppets, quantise, real, teaching
 from .augment import AugmentParams
 from .batches import BatchMaker, Joined, Normalisation
 from .coco import CocoKeypoints
@@ -109,6 +109,15 @@ def render_people(options: argparse.Namespace) -> None:
         options.out, options.count, options.seed, size=options.size, backgrounds=options.backgrounds, second=options.second,
         sewing=options.sewing,
     )  # fmt: skip
+
+
+def label(options: argparse.Namespace) -> None:
+    """`label`."""
+    if options.every < 1 or options.side < 32:
+        raise ValueError(f"--every, --side: expected at least 1 and 32, got {options.every} and {options.side}")
+    teacher = teaching.network(options.teacher, options.weights, threads=options.threads)
+    count, labelled = teaching.write(options.out, options.pictures, teacher, every=options.every, side=options.side)
+    print(f"{options.out}: {labelled} of {count} pictures labelled")
 
 
 def trunk(options: argparse.Namespace) -> None:
@@ -254,10 +263,13 @@ def describe(options: argparse.Namespace) -> None:
 
     def count(module: torch.nn.Module, _: object, output: torch.Tensor) -> None:
         nonlocal total
-        total += output.shape[-1] * output.shape[-2] * module.weight.numel()
+        if isinstance(module, torch.nn.ConvTranspose2d):  # each cell of the answer lies under one weight of every kernel
+            total += output.shape[-1] * output.shape[-2] * module.weight.shape[:2].numel()
+        else:
+            total += output.shape[-1] * output.shape[-2] * module.weight.numel()
 
     for module in network.modules():
-        if isinstance(module, torch.nn.Conv2d):
+        if isinstance(module, torch.nn.Conv2d | torch.nn.ConvTranspose2d):
             module.register_forward_hook(count)
     with torch.no_grad():
         stages = network(torch.zeros(1, 3, options.size[1], options.size[0]))
@@ -275,6 +287,7 @@ RUN: dict[str, Callable[[argparse.Namespace], None]] = {
     "export": write_onnx,
     "eval": score_model,
     "people": render_people,
+    "label": label,
     "trunk": trunk,
     "fusion-study": fusion_study,
     "quantise": quantise.run,

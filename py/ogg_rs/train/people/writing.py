@@ -9,6 +9,7 @@ import numpy as np
 from tqdm import tqdm
 
 from ..coco import COCO_CENTRE_PX
+from ..files import keypoint_index, replace
 from ..skeleton import COCO17, PARTS
 from .look import Backgrounds
 from .scene import Person, Shot, Studio
@@ -66,10 +67,7 @@ def write(
             number = len(annotations)
             annotations.append({"id": number, "image_id": i, **entry["annotation"]})
             extras.append({"annotation_id": number, **entry["extra"]})
-    categories = [{"id": 1, "name": "person", "keypoints": list(COCO17), "skeleton": []}]
-    (root / "annotations.json").write_text(
-        json.dumps({"images": images, "annotations": annotations, "categories": categories})
-    )
+    (root / "annotations.json").write_text(json.dumps(keypoint_index(images, annotations)))
     (root / "extras.json").write_text(json.dumps({"annotations": extras}))
 
 
@@ -77,14 +75,8 @@ def _keep(shot: Shot, root: Path, i: int, size: tuple[int, int]) -> None:
     """Picture first, labels last: a label file means that both are whole."""
     people = [describe(person, size) for person in shot.people]
     inside = [p for p in people if p["annotation"]["num_keypoints"] > 0]
-    _replace(root / f"images/{i:06}.png", lambda part: shot.image.save(part, "PNG", compress_level=1))
-    _replace(root / f"labels/{i:06}.json", lambda part: part.write_text(json.dumps(inside)))
-
-
-def _replace(path: Path, fill: object) -> None:
-    part = path.with_name(path.name + ".part")
-    fill(part)
-    part.rename(path)
+    replace(root / f"images/{i:06}.png", lambda part: shot.image.save(part, "PNG", compress_level=1))
+    replace(root / f"labels/{i:06}.json", lambda part: part.write_text(json.dumps(inside)))
 
 
 __all__ = ["describe", "write"]
