@@ -32,7 +32,7 @@ use crate::{
 mod passes;
 mod taps;
 
-use passes::{Fill, Normalise, SUM_ONE};
+use passes::{Fill, Normalise, SUM_ONE, Scratch};
 use taps::Taps;
 
 /// Where a tensor lies in a picture: an axis-aligned crop with one scale.
@@ -105,9 +105,9 @@ pub struct Preprocessor {
     data: TensorData,
     columns: Taps,
     rows: Taps,
-    words: Vec<u16>,
-    sums: Vec<f32>,
-    line: Vec<[f32; 4]>,
+    scratch: Scratch,
+    /// Rows outside the picture are what the last fill made them.
+    is_padded: bool,
     arch: Arch,
 }
 
@@ -129,9 +129,8 @@ impl Preprocessor {
             },
             columns: Taps::default(),
             rows: Taps::default(),
-            words: Vec::new(),
-            sums: Vec::new(),
-            line: Vec::new(),
+            scratch: Scratch::default(),
+            is_padded: false,
             arch: Arch::new(),
         };
         new.resize(input.width, input.height);
@@ -142,6 +141,7 @@ impl Preprocessor {
     pub fn resize(&mut self, width: usize, height: usize) {
         self.width = width;
         self.height = height;
+        self.is_padded = false;
         let n = width * height * 3;
         match &mut self.data {
             TensorData::F32(v) => v.resize(n, 0.0),
@@ -175,20 +175,20 @@ impl Preprocessor {
 
     /// Fills the tensor with a crop of the picture.
     pub fn fill(&mut self, image: ImageView<'_>, map: CropMap) -> &TensorData {
-        self.columns.compute(map.left_px, map.scale, self.width, image.width());
-        self.rows.compute(map.top_px, map.scale, self.height, image.height());
+        let columns_changed = self.columns.compute(map.left_px, map.scale, self.width, image.width());
+        let rows_changed = self.rows.compute(map.top_px, map.scale, self.height, image.height());
         self.arch.dispatch(Fill {
             image,
             columns: &self.columns,
             rows: &self.rows,
             layout: self.layout,
             pad: self.pad,
-            norm: Normalise { reversed: self.reversed, gain: self.gain, offset: self.offset },
-            words: &mut self.words,
-            sums: &mut self.sums,
-            line: &mut self.line,
+            norm: Normalise::new(self.reversed, self.gain, self.offset),
+            is_padded: self.is_padded && !columns_changed && !rows_changed,
+            scratch: &mut self.scratch,
             data: &mut self.data,
         });
+        self.is_padded = true;
         &self.data
     }
 }

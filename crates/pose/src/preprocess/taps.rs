@@ -26,9 +26,10 @@ pub(super) struct Even {
     pub(super) range: Range<usize>,
     /// Weights of a column.
     pub(super) width: usize,
-    /// First picture column, from the start of `range`.
-    pub(super) start: Vec<usize>,
+    /// First number of the first picture column, from the start of `range`; a column has three.
+    pub(super) first: Vec<usize>,
     pub(super) weight: Vec<f32>,
+    /// Weight of what lies outside the picture, after the pass over the rows too: times [`ONE`].
     pub(super) outside: Vec<f32>,
 }
 
@@ -43,11 +44,11 @@ pub(super) struct Cover<'a> {
 }
 
 impl Taps {
-    /// Does nothing when it is asked the same again.
-    pub(super) fn compute(&mut self, edge_px: f32, scale: f32, count: usize, limit: usize) {
+    /// Does nothing, and says false, when it is asked the same again.
+    pub(super) fn compute(&mut self, edge_px: f32, scale: f32, count: usize, limit: usize) -> bool {
         let key = Some((edge_px, scale, count, limit));
         if self.key == key {
-            return;
+            return false;
         }
         self.key = key;
         self.start.clear();
@@ -66,12 +67,13 @@ impl Taps {
             self.push_box(from, to, limit);
         }
         self.spread();
+        true
     }
 
     /// Brings the columns to one width.
     fn spread(&mut self) {
         let mut even = std::mem::take(&mut self.even);
-        even.start.clear();
+        even.first.clear();
         even.weight.clear();
         even.outside.clear();
         let covers = || (0..self.len()).map(|i| self.of(i));
@@ -80,10 +82,10 @@ impl Taps {
         let first = used().map(|c| c.start).min().unwrap_or(0);
         even.range = first..used().map(|c| c.start + c.weights.len()).max().unwrap_or(0);
         for cover in covers() {
-            even.start.push(if cover.weights.is_empty() { 0 } else { cover.start - first });
+            even.first.push(if cover.weights.is_empty() { 0 } else { (cover.start - first) * 3 });
             even.weight.extend(cover.weights.iter().map(|w| f32::from(*w)));
-            even.weight.resize(even.start.len() * even.width, 0.0);
-            even.outside.push(f32::from(cover.outside));
+            even.weight.resize(even.first.len() * even.width, 0.0);
+            even.outside.push(f32::from(cover.outside) * f32::from(ONE));
         }
         self.even = even;
     }
