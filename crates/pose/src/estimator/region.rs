@@ -175,4 +175,52 @@ mod tests {
         }
         assert!(RegionOptions::default().validate().is_ok());
     }
+
+    /// A person of these keypoints, u, v and score.
+    fn person_of(points: &[(f32, f32, f32)]) -> Person {
+        let mut person = person_at(0.0, 0.0);
+        person.keypoints = vec![None; 17];
+        for (slot, (u_px, v_px, score)) in person.keypoints.iter_mut().zip(points) {
+            *slot = Some(Keypoint { u_px: *u_px, v_px: *v_px, score: *score });
+        }
+        person
+    }
+
+    /// Picture pixels per tensor pixel of the next crop.
+    fn scale(tracker: &Tracker) -> f32 {
+        tracker.next_crop((100, 100)).unwrap().scale
+    }
+
+    #[test]
+    fn the_region_has_room_around_the_believed_keypoints_and_a_least_side() {
+        let corners = [(0.0, 0.0, 0.9), (200.0, 0.0, 0.9), (0.0, 100.0, 0.9), (200.0, 100.0, 0.9), (900.0, 900.0, 0.1)];
+        let mut tracker = Tracker::new(RegionOptions::default());
+        assert!(tracker.follow(&[person_of(&corners)]));
+        // 200 px and a third, in 100 tensor pixels; the weak keypoint far away does not count.
+        assert!((scale(&tracker) - 2.7).abs() < 1e-5, "{}", scale(&tracker));
+        assert!(tracker.follow(&[person_of(&corners.map(|(u, v, s)| (u / 10.0, v / 10.0, s)))]));
+        assert!((scale(&tracker) - 0.64).abs() < 1e-5, "{}", scale(&tracker));
+        tracker.forget();
+        assert!(tracker.next_crop((100, 100)).is_none());
+    }
+
+    #[test]
+    fn few_or_weak_keypoints_are_nobody_and_the_region_stays() {
+        let mut tracker = Tracker::new(RegionOptions::default());
+        assert!(tracker.follow(&[person_at(100.0, 100.0)]));
+        let before = tracker.next_crop((256, 256));
+        let three = [(0.0, 0.0, 0.9), (50.0, 0.0, 0.9), (0.0, 90.0, 0.9)];
+        let weak = [(0.0, 0.0, 0.9), (50.0, 0.0, 0.9), (0.0, 90.0, 0.9), (9.0, 9.0, 0.1), (9.0, 8.0, 0.1)];
+        assert!(!tracker.follow(&[person_of(&three), person_of(&weak)]) && !tracker.is_somebody(&[person_of(&weak)]));
+        assert_eq!(tracker.next_crop((256, 256)), before);
+    }
+
+    /// Judge: how large a person at any place appears in the best crop.
+    #[test]
+    fn a_small_person_fills_enough_of_some_search_crop() {
+        let tracker = Tracker::new(RegionOptions::default());
+        let crops = tracker.search_crops(1920, 1080, (256, 256));
+        let best = crops.iter().map(|c| 256.0 * c.scale).fold(f32::MAX, f32::min);
+        assert!((best - 540.0).abs() < 1e-3, "{best} px");
+    }
 }

@@ -117,4 +117,20 @@ mod tests {
         assert!(Hampel::new(2, 0, 3.0, 1.0).is_err() && Hampel::new(5, 5, 3.0, 1.0).is_err());
         assert!(Hampel::new(5, 0, f64::NAN, 1.0).is_err());
     }
+
+    /// Closed form: the window -1, 1, -1, 1, x has the median 1 and the deviation 2, so that 3 * 1.4826 * 2 = 8.896 is the limit.
+    #[test]
+    fn the_limit_is_in_standard_deviations_and_the_window_has_its_length() {
+        for (x, replaced) in [(9.8, false), (9.95, true), (-7.8, false)] {
+            let mut filter = Hampel::new(5, 0, 3.0, 0.1).unwrap();
+            [-1.0, 1.0, -1.0, 1.0].map(|x| filter.update(x));
+            assert_eq!(filter.update(x).1, replaced, "{x}");
+        }
+        // A step is believed when it fills most of the window; after a reset at once.
+        let mut filter = Hampel::new(3, 0, 3.0, 0.1).unwrap();
+        [0.0; 10].map(|x| filter.update(x));
+        assert_eq!([100.0, 100.0].map(|x| filter.update(x)), [(0.0, true), (100.0, false)]);
+        filter.reset();
+        assert_eq!(filter.update(-5.0), (-5.0, false));
+    }
 }

@@ -116,4 +116,17 @@ mod tests {
         assert!((k.position() - 5990.0).abs() < 1e-6, "{}", k.position());
         assert!((k.speed() - 300.0).abs() < 1e-6);
     }
+
+    /// Closed form of one step: 1 + 0.5^2 2^2 + 8^2 0.5^4 / 4 = 3.
+    #[test]
+    fn one_step_spreads_the_position_as_the_equations_say() {
+        let mut k = Kalman::new(0.0, 1.0, 2.0);
+        k.predict(0.5, 8.0);
+        assert!((k.variance() - 3.0).abs() < 1e-12);
+        k.update(2.0, 1.0);
+        let before = k.speed();
+        assert!(before > 0.0);
+        k.damp(0.25);
+        assert!((k.speed() - 0.25 * before).abs() < 1e-12);
+    }
 }

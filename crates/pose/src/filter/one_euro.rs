@@ -126,4 +126,17 @@ mod tests {
         assert!(OneEuro::new(OneEuroParams { min_cutoff_hz: 0.0, ..p }).is_err());
         assert!(OneEuro::new(OneEuroParams { speed_cutoff_hz: -1.0, ..p }).is_err());
     }
+
+    /// Closed form of two steps, from the equations of the paper.
+    #[test]
+    fn the_cutoff_follows_the_low_passed_speed_and_a_reset_forgets_it() {
+        let mut filter = OneEuro::new(OneEuroParams { min_cutoff_hz: 1.0, beta: 0.5, speed_cutoff_hz: 1.0 }).unwrap();
+        let alpha = |f_hz: f64| 1.0 / (1.0 + 1.0 / (TAU * f_hz * 0.1));
+        filter.update(0.1, 0.0);
+        let speed = alpha(1.0) * 10.0;
+        let expected = alpha(1.0 + 0.5 * speed);
+        assert!((filter.update(0.1, 1.0) - expected).abs() < 1e-12);
+        filter.reset();
+        assert!((filter.update(0.1, 7.0) - 7.0).abs() < 1e-12);
+    }
 }

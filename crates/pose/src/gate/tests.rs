@@ -3,6 +3,8 @@ use proptest::prelude::*;
 use super::*;
 use crate::Skeleton;
 
+mod rules;
+
 struct Noise(u64);
 
 impl Noise {
