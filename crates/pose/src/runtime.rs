@@ -19,13 +19,15 @@ use std::{
     sync::{Mutex, PoisonError},
 };
 
-use ort::{environment::Environment, ep::ExecutionProvider as _};
+use ort::environment::Environment;
 
 use crate::{Error, Result};
 
 mod inspect;
+mod provider;
 mod search;
 
+pub use provider::ExecutionProvider;
 pub use search::{
     LibraryCandidate, LibraryOrigin, LibrarySearch, ONNXRUNTIME_LIBRARY, onnxruntime_candidates, python_site_packages,
 };
@@ -55,50 +57,6 @@ impl fmt::Display for Backend {
             }
             Self::Tract => f.write_str("tract (pure Rust)"),
         }
-    }
-}
-
-/// Who executes the operations of the network inside the backend.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "lowercase")]
-#[non_exhaustive]
-pub enum ExecutionProvider {
-    /// The backend's own CPU kernels.
-    #[default]
-    Cpu,
-    /// Intel OpenVINO, on the CPU.
-    OpenVino,
-    /// NVIDIA CUDA.
-    Cuda,
-    /// NVIDIA TensorRT.
-    TensorRt,
-}
-
-impl ExecutionProvider {
-    /// Name as configurations write it.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Cpu => "cpu",
-            Self::OpenVino => "openvino",
-            Self::Cuda => "cuda",
-            Self::TensorRt => "tensorrt",
-        }
-    }
-
-    fn is_available(self) -> bool {
-        let asked = match self {
-            Self::Cpu => return true,
-            Self::OpenVino => ort::ep::OpenVINO::is_available(),
-            Self::Cuda => ort::ep::CUDA::is_available(),
-            Self::TensorRt => ort::ep::TensorRT::is_available(),
-        };
-        asked.unwrap_or(false)
-    }
-}
-
-impl fmt::Display for ExecutionProvider {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
     }
 }
 
