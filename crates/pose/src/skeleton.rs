@@ -2,6 +2,10 @@
 
 use std::fmt;
 
+mod orders;
+
+use orders::{BODY_25, COCO_17, MEDIAPIPE_33, OPENPOSE_18, UPPER_LIMB_8};
+
 /// The worker's left or right, not the picture's.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -266,122 +270,6 @@ pub enum Source {
     /// The other skeleton has no such part.
     Absent,
 }
-
-const COCO_17: &[Part] = &[
-    Part::Nose,
-    Part::LeftEye,
-    Part::RightEye,
-    Part::LeftEar,
-    Part::RightEar,
-    Part::LeftShoulder,
-    Part::RightShoulder,
-    Part::LeftElbow,
-    Part::RightElbow,
-    Part::LeftWrist,
-    Part::RightWrist,
-    Part::LeftHip,
-    Part::RightHip,
-    Part::LeftKnee,
-    Part::RightKnee,
-    Part::LeftAnkle,
-    Part::RightAnkle,
-];
-
-const OPENPOSE_18: &[Part] = &[
-    Part::Nose,
-    Part::Neck,
-    Part::RightShoulder,
-    Part::RightElbow,
-    Part::RightWrist,
-    Part::LeftShoulder,
-    Part::LeftElbow,
-    Part::LeftWrist,
-    Part::RightHip,
-    Part::RightKnee,
-    Part::RightAnkle,
-    Part::LeftHip,
-    Part::LeftKnee,
-    Part::LeftAnkle,
-    Part::RightEye,
-    Part::LeftEye,
-    Part::RightEar,
-    Part::LeftEar,
-];
-
-const BODY_25: &[Part] = &[
-    Part::Nose,
-    Part::Neck,
-    Part::RightShoulder,
-    Part::RightElbow,
-    Part::RightWrist,
-    Part::LeftShoulder,
-    Part::LeftElbow,
-    Part::LeftWrist,
-    Part::MidHip,
-    Part::RightHip,
-    Part::RightKnee,
-    Part::RightAnkle,
-    Part::LeftHip,
-    Part::LeftKnee,
-    Part::LeftAnkle,
-    Part::RightEye,
-    Part::LeftEye,
-    Part::RightEar,
-    Part::LeftEar,
-    Part::LeftBigToe,
-    Part::LeftSmallToe,
-    Part::LeftHeel,
-    Part::RightBigToe,
-    Part::RightSmallToe,
-    Part::RightHeel,
-];
-
-const MEDIAPIPE_33: &[Part] = &[
-    Part::Nose,
-    Part::LeftEyeInner,
-    Part::LeftEye,
-    Part::LeftEyeOuter,
-    Part::RightEyeInner,
-    Part::RightEye,
-    Part::RightEyeOuter,
-    Part::LeftEar,
-    Part::RightEar,
-    Part::LeftMouth,
-    Part::RightMouth,
-    Part::LeftShoulder,
-    Part::RightShoulder,
-    Part::LeftElbow,
-    Part::RightElbow,
-    Part::LeftWrist,
-    Part::RightWrist,
-    Part::LeftPinky,
-    Part::RightPinky,
-    Part::LeftIndex,
-    Part::RightIndex,
-    Part::LeftThumb,
-    Part::RightThumb,
-    Part::LeftHip,
-    Part::RightHip,
-    Part::LeftKnee,
-    Part::RightKnee,
-    Part::LeftAnkle,
-    Part::RightAnkle,
-    Part::LeftHeel,
-    Part::RightHeel,
-    Part::LeftFootIndex,
-    Part::RightFootIndex,
-];
-
-const UPPER_LIMB_8: &[Part] = &[
-    Part::Nose,
-    Part::Neck,
-    Part::RightShoulder,
-    Part::RightElbow,
-    Part::RightWrist,
-    Part::LeftShoulder,
-    Part::LeftElbow,
-    Part::LeftWrist,
-];
 
 #[cfg(test)]
 mod tests;
