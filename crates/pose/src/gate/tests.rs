@@ -1,7 +1,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::Skeleton;
+use crate::{OneEuroParams, Skeleton};
 
 mod rules;
 
