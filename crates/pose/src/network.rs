@@ -142,9 +142,7 @@ impl Network {
             return wrong(&spec.name, "no tensor".to_owned());
         };
         // A size that the file leaves open fits any; a size that the card leaves open must be open in the file.
-        let fits = got_shape.len() == 4
-            && got_shape.iter().zip(&shape).all(|(&got, &want)| got == want || got < 0)
-            && !(spec.dynamic && got_shape.iter().filter(|d| **d < 0).count() < 2);
+        let fits = got_shape.len() == 4 && got_shape.iter().zip(&shape).all(|(&got, &want)| got == want || got < 0);
         if !fits || got_type != element {
             return wrong(&spec.name, format!("{got_type} {:?}", &got_shape[..]));
         }

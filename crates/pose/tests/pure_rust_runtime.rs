@@ -93,12 +93,13 @@ fn a_corrupt_network_is_refused_by_hash_and_without_the_hash_by_the_parser() {
 
 #[test]
 fn a_card_of_another_shape_is_refused_with_both_shapes() {
-    let cases: [(&str, &str, &str); 5] = [
+    let cases: [(&str, &str, &str); 6] = [
         ("width = 32", "width = 64", "64"),
         ("name = \"image\"", "name = \"picture\"", "picture"),
         ("dtype = \"float32\"", "dtype = \"int32\"", "Int32"),
         ("output = \"paf\"", "output = \"fields\"", "fields"),
         ("stride = 8", "stride = 4", "at least 9 channels"),
+        ("pad = 128", "pad = 128\ndynamic = true", "-1, -1"),
     ];
     for (from, to, said) in cases {
         let (_dir, loaded) = changed("good.onnx", |card| card.replace(from, to));
@@ -122,6 +123,9 @@ fn a_second_wish_conflicts_and_a_missing_provider_is_named() {
         RuntimeOptions { library: LibraryChoice::PureRust, provider: ExecutionProvider::Cuda, ..Default::default() };
     let error = Runtime::load(cuda.clone()).unwrap_err();
     assert!(error.to_string().contains("cuda") && error.to_string().contains("tract"), "{error}");
+    // A fallback that is not there either is no fallback.
+    let both = RuntimeOptions { fallback: Some(ExecutionProvider::OpenVino), ..cuda.clone() };
+    assert!(matches!(Runtime::load(both), Err(Error::Provider { provider: "cuda", .. })));
     let runtime = Runtime::load(RuntimeOptions { fallback: Some(ExecutionProvider::Cpu), ..cuda }).unwrap();
     assert_eq!(runtime.info().active, ExecutionProvider::Cpu);
     assert!(runtime.info().to_string().contains("cpu instead of cuda"), "{}", runtime.info());

@@ -83,6 +83,13 @@ fn an_unknown_key_is_refused_by_name_line_and_file() {
     assert!(message.contains("x/y.toml") && message.contains("layuot") && message.contains("line"), "{message}");
     let message = parse(&format!("colour = 3\n{}", text("movenet-thunder"))).unwrap_err().to_string();
     assert!(message.contains("colour"), "{message}");
+    let openpose = text("openpose-mobilenet-v2-small");
+    for (of, key) in [("colour = \"bgr\"", "colur = 1"), ("stride = 8", "strid = 8")] {
+        let message = parse(&openpose.replace(of, &format!("{of}\n{key}"))).unwrap_err().to_string();
+        assert!(message.contains(&key[..5]), "{message}");
+    }
+    let message = parse(&openpose.replace("paf = [12, 13]", "paf = [12, 13], width = 2")).unwrap_err().to_string();
+    assert!(message.contains("width"), "{message}");
 }
 
 #[test]
@@ -109,6 +116,19 @@ fn contradictions_are_refused_with_field_expectation_and_value() {
         (openpose.replace("paf = [12, 13]", "paf = [12, 38]"), "openpose.limbs.paf"),
         (openpose.replace("to = \"right_wrist\"", "to = \"right_heel\""), "openpose.limbs"),
         (openpose.replace("peak_threshold = 0.05", "peak_threshold = nan"), "openpose.peak_threshold"),
+        (openpose.replace("peak_threshold = 0.05", "peak_threshold = 1.0"), "openpose.peak_threshold"),
+        (thunder.replace("4fa7fb2b", "4fa7fb2"), "sha256"),
+        (thunder.replace("4fa7fb2b", "gfa7fb2b"), "sha256"),
+        (thunder.replace("\n[input]", "min_score = 1.5\n[input]"), "min_score"),
+        (thunder.replace("width = 256", "width = 5000"), "input.width"),
+        (thunder.replace("[movenet]", "scale = [1.0, 0.0, 1.0]\n[movenet]"), "input.scale"),
+        (thunder.replace("[movenet]", "mean = [nan, 0.0, 0.0]\n[movenet]"), "input.scale"),
+        (thunder.replace("[movenet]\noutput = \"Identity:0\"\n", ""), "movenet: expected a section"),
+        (text("blazepose-full").replace("mediapipe-33", "coco-17"), "skeleton"),
+        (openpose.replace("stride = 8", "stride = 0"), "openpose.stride"),
+        (format!("{}limbs = []", openpose.split_once("limbs = [").unwrap().0), "openpose.limbs"),
+        (openpose.replace("to = \"right_wrist\"", "to = \"right_elbow\""), "openpose.limbs"),
+        (openpose.replace("paf = [12, 13]", "paf = [12, 12]"), "openpose.limbs.paf"),
     ];
     for (card, field) in cases {
         let error = parse(&card).unwrap_err();
@@ -162,4 +182,25 @@ fn the_own_network_needs_no_file_and_matches_its_card() {
     assert_eq!(own, Model::default());
     assert!(matches!(own.weights, Weights::Embedded(_)));
     assert!(own.read_weights().unwrap().len() > 100_000);
+}
+
+#[test]
+fn networks_for_one_person_follow_the_person_and_others_look_at_the_whole_picture() {
+    for card in Model::builtin_cards() {
+        let one = matches!(card.output, OutputKind::MoveNet | OutputKind::BlazePose);
+        assert_eq!(ModelCard { region: None, ..card }.region(), if one { Region::Track } else { Region::Full });
+    }
+}
+
+#[test]
+fn a_folder_and_a_file_too_large_to_be_a_network_are_refused_unread() {
+    let dir = tempfile::tempdir().unwrap();
+    let model = |path: &Path| Model { weights: Weights::File(path.to_owned()), ..Model::default() };
+    let error = model(dir.path()).read_weights().unwrap_err();
+    assert!(matches!(error, Error::RefusedFile { .. }), "{error}");
+    let large = dir.path().join("large.onnx");
+    // Sparse: it takes no room.
+    std::fs::File::create(&large).unwrap().set_len((512 << 20) + 1).unwrap();
+    let error = model(&large).read_weights().unwrap_err();
+    assert!(matches!(error, Error::RefusedFile { .. }) && error.to_string().contains("536870913"), "{error}");
 }
