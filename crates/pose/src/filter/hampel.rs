@@ -123,12 +123,16 @@ mod tests {
     fn the_limit_is_in_standard_deviations_and_the_window_has_its_length() {
         for (x, replaced) in [(9.8, false), (9.95, true), (-7.8, false)] {
             let mut filter = Hampel::new(5, 0, 3.0, 0.1).unwrap();
-            [-1.0, 1.0, -1.0, 1.0].map(|x| filter.update(x));
+            for before in [-1.0, 1.0, -1.0, 1.0] {
+                filter.update(before);
+            }
             assert_eq!(filter.update(x).1, replaced, "{x}");
         }
         // A step is believed when it fills most of the window; after a reset at once.
         let mut filter = Hampel::new(3, 0, 3.0, 0.1).unwrap();
-        [0.0; 10].map(|x| filter.update(x));
+        for _ in 0..10 {
+            filter.update(0.0);
+        }
         assert_eq!([100.0, 100.0].map(|x| filter.update(x)), [(0.0, true), (100.0, false)]);
         filter.reset();
         assert_eq!(filter.update(-5.0), (-5.0, false));

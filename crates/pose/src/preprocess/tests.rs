@@ -230,7 +230,7 @@ fn every_kind_of_tensor_holds_the_same_picture() {
     for layout in [Layout::Nhwc, Layout::Nchw] {
         for colour in [ColourOrder::Rgb, ColourOrder::Bgr] {
             for dtype in [ElementType::Float32, ElementType::Int32, ElementType::Uint8] {
-                let mut p = Preprocessor::new(&InputSpec { layout, colour, dtype, ..spec(16, 16) });
+                let mut p = Preprocessor::new(&InputSpec { layout, dtype, colour, ..spec(16, 16) });
                 let got: Vec<f64> = match p.fill(view, map) {
                     TensorData::F32(v) => v.iter().map(|x| f64::from(*x).round()).collect(),
                     TensorData::I32(v) => v.iter().map(|x| f64::from(*x)).collect(),

@@ -113,7 +113,7 @@ pub(super) fn field(own: &mut [f32], mask: &mut [f32], teacher: &[f32], floor: f
 /// True where a mask leaves nothing out, so that it need not be written: half of what fusion would write are masks.
 #[inline(always)]
 fn counts(mask: &[f32]) -> bool {
-    mask.iter().fold(true, |all, mask| all & (*mask >= 1.0))
+    mask.iter().fold(1.0, |least, mask| smaller(least, *mask)) >= 1.0
 }
 
 /// 1 where the teacher answers.

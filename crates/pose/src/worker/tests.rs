@@ -113,6 +113,45 @@ fn a_worker_who_left_is_replaced_only_after_the_coasting_time() {
     assert_eq!(tracker.update(ms(0), &[]), WorkerUpdate::Absent);
 }
 
+/// 20 px to either side of where the worker stood: only the size tells them apart, and one picture does not change the size.
+#[test]
+fn the_worker_is_the_one_of_the_same_size() {
+    let mut tracker = WorkerTracker::new(WorkerOptions::default()).unwrap();
+    tracker.update(ms(0), &[person(100.0, 100.0, 60.0)]);
+    // Seen once with arms that look like hips: 1.8 times as large.
+    assert_eq!(tracker.update(ms(33), &[person(100.0, 100.0, 108.0)]), WorkerUpdate::Found(0));
+    let two = [person(120.0, 100.0, 108.0), person(80.0, 100.0, 60.0)];
+    assert_eq!(tracker.update(ms(66), &two), WorkerUpdate::Found(1));
+}
+
+#[test]
+fn a_person_of_weak_keypoints_is_nobody() {
+    let mut tracker = WorkerTracker::new(WorkerOptions::default()).unwrap();
+    let mut weak = person(100.0, 100.0, 60.0);
+    weak.keypoints.iter_mut().flatten().for_each(|k| k.score = 0.1);
+    assert_eq!(tracker.update(ms(0), &[weak]), WorkerUpdate::Absent);
+}
+
+#[test]
+fn a_picture_of_an_earlier_time_does_not_age_the_worker() {
+    let mut tracker = WorkerTracker::new(WorkerOptions::default()).unwrap();
+    let (worker, stranger) = ([person(100.0, 100.0, 60.0)], [person(500.0, 100.0, 60.0)]);
+    tracker.update(ms(1000), &worker);
+    assert_eq!(tracker.update(ms(0), &worker), WorkerUpdate::Found(0));
+    assert_eq!(tracker.update(ms(1600), &stranger), WorkerUpdate::Absent);
+}
+
+/// Nobody is followed from an ambiguous picture, or the same two people would be told apart in the next one.
+#[test]
+fn what_is_ambiguous_stays_ambiguous() {
+    let mut tracker = WorkerTracker::new(WorkerOptions::default()).unwrap();
+    tracker.update(ms(0), &[person(100.0, 100.0, 60.0)]);
+    let twins = [person(120.0, 100.0, 60.0), person(80.0, 100.0, 60.0)];
+    for i in 1..4 {
+        assert_eq!(tracker.update(ms(33 * i), &twins), WorkerUpdate::Ambiguous);
+    }
+}
+
 #[test]
 fn options_outside_their_interval_are_refused() {
     let o = WorkerOptions::default();
