@@ -16,6 +16,7 @@ mod scalar;
 mod segment;
 mod sequence;
 mod trajectory;
+mod wide;
 
 pub use align::{Alignment, DtwParams, align, dtw};
 pub use arima::{

@@ -28,33 +28,28 @@ pub(crate) fn cholesky(a: &mut [f64], d: usize) -> Result<(), BadPivot> {
     }
 }
 
+/// Column by column: what remains of the matrix is updated at once, so that few operations wait for each other.
 #[inline(always)]
 fn cholesky_of(a: &mut [f64], d: usize) -> Result<(), BadPivot> {
     let a = &mut a[..d * d];
-    for i in 0..d {
-        for j in 0..=i {
-            let (head, tail) = a.split_at_mut(i * d);
-            let row_i = &mut tail[..d];
-            let mut sum = row_i[j];
-            if j < i {
-                let row_j = &head[j * d..j * d + d];
-                for k in 0..j {
-                    sum -= row_i[k] * row_j[k];
-                }
-                row_i[j] = sum / row_j[j];
-            } else {
-                for v in &row_i[..i] {
-                    sum -= v * v;
-                }
-                // A pivot below the smallest normal number has lost its relative accuracy.
-                if !(f64::MIN_POSITIVE..f64::INFINITY).contains(&sum) {
-                    return Err(BadPivot { row: i, value: sum });
-                }
-                row_i[i] = sum.sqrt();
-            }
+    for j in 0..d {
+        let pivot = a[j * d + j];
+        // A pivot below the smallest normal number has lost its relative accuracy.
+        if !(f64::MIN_POSITIVE..f64::INFINITY).contains(&pivot) {
+            return Err(BadPivot { row: j, value: pivot });
         }
-        for v in &mut a[i * d + i + 1..(i + 1) * d] {
-            *v = 0.0;
+        let root = pivot.sqrt();
+        let reciprocal = 1.0 / root;
+        a[j * d + j] = root;
+        for i in j + 1..d {
+            a[i * d + j] *= reciprocal;
+            a[j * d + i] = 0.0;
+        }
+        for i in j + 1..d {
+            let factor = a[i * d + j];
+            for k in j + 1..=i {
+                a[i * d + k] -= factor * a[k * d + j];
+            }
         }
     }
     Ok(())

@@ -13,7 +13,7 @@ use pulp::{Arch, Simd, WithSimd};
 
 /// The covariance counts as settled when no entry differs from `R R'` by more than this; the rest
 /// of the transient then changes the log-likelihood by less than rounding does.
-const SETTLED: f64 = 1e-15;
+pub(super) const SETTLED: f64 = 1e-15;
 
 /// `phi` and `theta` padded to the state dimension.
 #[derive(Debug, Clone)]

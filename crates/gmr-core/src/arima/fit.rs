@@ -2,14 +2,13 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::dense::{self, Mean};
-use super::filter::{self, Arma, MAX_STATE, Sums, Work};
-use super::model::{Arima, ArimaParts, check_series, differenced};
+use super::filter::MAX_STATE;
+use super::model::{Arima, ArimaParts, check_series};
+use super::objective::{Objective, Prepared};
 use super::optimise::{Minimum, minimise};
-use super::polynomial::{invertible, stationary, unconstrained_near};
+use super::starts::{GRID_STARTS, coarse_grid, hannan_rissanen, lowest};
 use crate::error::{Error, Result};
 use crate::gmm::LN_2_PI;
-use crate::linalg::{cholesky, solve_lower, solve_lower_transpose};
 
 /// Orders of an ARIMA model.
 ///
@@ -210,58 +209,6 @@ impl ArimaParams {
     }
 }
 
-/// A series prepared for the search: scaled to about one, differenced when complete.
-struct Prepared {
-    /// Complete and differenced, or as given with NaN.
-    values: Vec<f64>,
-    complete: bool,
-    d: usize,
-    constant: bool,
-    /// Power of two that was divided out.
-    scale: f64,
-    /// Subtracted from a complete differenced series when a mean is estimated.
-    centre: f64,
-    /// Observed minus `d`.
-    n: usize,
-}
-
-/// Likelihood ingredients at one set of coefficients.
-struct Evaluation {
-    log_f: f64,
-    squares: f64,
-    mean: f64,
-}
-
-impl Prepared {
-    fn new(y: &[f64], d: usize, constant: bool) -> Result<Self> {
-        let observed = y.iter().filter(|v| !v.is_nan()).count();
-        let n = observed.saturating_sub(d);
-        let complete = observed == y.len();
-        let mut values = if complete { differenced(y, d) } else { y.to_vec() };
-        let centre = if complete && constant { values.iter().sum::<f64>() / values.len().max(1) as f64 } else { 0.0 };
-        values.iter_mut().for_each(|v| *v -= centre);
-        let peak = values.iter().filter(|v| !v.is_nan()).fold(0.0f64, |m, v| m.max(v.abs()));
-        if !(peak >= 1e-290) {
-            return Err(Error::Degenerate { what: "series after differencing and removing the mean" });
-        }
-        let scale = peak.log2().floor().exp2();
-        values.iter_mut().for_each(|v| *v /= scale);
-        Ok(Self { values, complete, d, constant, scale, centre, n })
-    }
-
-    fn evaluate(&self, arma: &Arma, work: &mut Work, conditional: bool) -> Option<Evaluation> {
-        if self.complete {
-            let sums: Sums = filter::filter(arma, &self.values, self.constant, conditional, work);
-            let squares = sums.squares(self.constant);
-            Some(Evaluation { log_f: sums.log_f, squares, mean: sums.mean(self.constant) })
-        } else {
-            let mean = if self.constant { Mean::Estimated } else { Mean::Known(0.0) };
-            let filtered = dense::filter(arma, self.d, &self.values, mean).ok()?;
-            Some(Evaluation { log_f: filtered.log_f, squares: filtered.squares, mean: filtered.mean })
-        }
-    }
-}
-
 impl ArimaPlan {
     /// The checked parameters.
     ///
@@ -306,19 +253,8 @@ impl ArimaPlan {
         }
         let prepared = Prepared::new(y, d, constant)?;
         let n = prepared.n as f64;
-        let mut arma = Arma::new(&vec![0.0; p], &vec![0.0; q]);
-        let mut work = Work::new(arma.r);
-        let mut ar = vec![0.0; p];
-        let mut ma = vec![0.0; q];
-        let mut objective = |x: &[f64], conditional: bool| {
-            stationary(&x[..p], &mut ar);
-            invertible(&x[p..], &mut ma);
-            arma.set(&ar, &ma);
-            match prepared.evaluate(&arma, &mut work, conditional) {
-                Some(e) if e.squares > 0.0 => 0.5 * ((e.squares / n).ln() + e.log_f / n),
-                _ => f64::INFINITY,
-            }
-        };
+        let mut objective = Objective::new(&prepared, p, q);
+        let at_once = objective.at_once();
         let (iterations, tolerance) = (self.params.max_iterations, self.params.tolerance);
         let mut starts = Vec::new();
         if searched == 0 {
@@ -327,24 +263,27 @@ impl ArimaPlan {
             && let Some(x) = hannan_rissanen(&prepared.values, p, q)
         {
             // The conditional sum of squares costs half a likelihood and has the same landscape.
-            let rough = minimise(&x, 50, 1e-3, |x| objective(x, true));
+            let rough = minimise(&x, 50, 1e-3, at_once, |x, out| objective.values(x, true, out));
             starts.push((ArimaStart::ConditionalSquares, rough.x));
         }
-        let mut grid: Vec<(f64, Vec<f64>)> =
-            coarse_grid(searched).into_iter().map(|x| (objective(&x, false), x)).collect();
-        grid.sort_by(|a, b| a.0.total_cmp(&b.0));
-        starts.extend(grid.into_iter().take(GRID_STARTS).map(|(_, x)| (ArimaStart::Grid, x)));
+        let grid = coarse_grid(searched);
+        let mut heights = vec![0.0; grid.len() / searched.max(1)];
+        objective.values(&grid, false, &mut heights);
+        starts.extend(
+            lowest(&heights, GRID_STARTS).map(|i| (ArimaStart::Grid, grid[i * searched..][..searched].to_vec())),
+        );
         let mut best: Option<(ArimaStart, Minimum)> = None;
         for (start, x) in starts {
             let found = match &best {
-                None => minimise(&x, iterations, tolerance, |x| objective(x, false)),
+                None => minimise(&x, iterations, tolerance, at_once, |x, out| objective.values(x, false, out)),
                 // Another start only matters when it leads to a higher maximum, which shows early.
                 Some((_, known)) => {
-                    let rough = minimise(&x, iterations, tolerance.max(1e-3), |x| objective(x, false));
+                    let coarse = tolerance.max(1e-3);
+                    let rough = minimise(&x, iterations, coarse, at_once, |x, out| objective.values(x, false, out));
                     if !(rough.value < known.value + 1e-5) || near(&rough.x, &known.x) {
                         continue;
                     }
-                    minimise(&rough.x, iterations, tolerance, |x| objective(x, false))
+                    minimise(&rough.x, iterations, tolerance, at_once, |x, out| objective.values(x, false, out))
                 }
             };
             if best.as_ref().is_some_and(|(_, known)| !(found.value < known.value - 1e-12)) {
@@ -364,10 +303,7 @@ impl ArimaPlan {
         } else {
             ArimaStop::NoFurtherGain
         };
-        stationary(&found.x[..p], &mut ar);
-        invertible(&found.x[p..], &mut ma);
-        arma.set(&ar, &ma);
-        let Some(at) = prepared.evaluate(&arma, &mut work, false) else {
+        let (Some(at), ar, ma) = objective.at(&found.x) else {
             return Err(Error::Degenerate { what: "series for this ARIMA order" });
         };
         let log_scale = prepared.scale.ln();
@@ -382,8 +318,7 @@ impl ArimaPlan {
         })?;
         // So close to unit roots that the stationary variance is beyond 1e8, a filter may run out of digits:
         // a model that cannot be run over its own series is no fit.
-        arma.stationary_covariance(&mut work);
-        if !(work.p[0] < 1e8) {
+        if !(model.stationary_variance() < 1e8) {
             model.filter(y)?;
         }
         let k = parameters as f64;
@@ -410,93 +345,4 @@ impl ArimaPlan {
 /// Whether two ends of a rough search lie in the same hollow.
 fn near(a: &[f64], b: &[f64]) -> bool {
     a.iter().zip(b).all(|(a, b)| (a.tanh() - b.tanh()).abs() < 0.02)
-}
-
-/// Grid points from which a search is begun. The likelihood of mixed models has several maxima; two more
-/// starts find the highest one wherever the tests know it.
-const GRID_STARTS: usize = 2;
-/// Grid points at most; with more than four numbers only their joint signs vary.
-const GRID_POINTS: usize = 81;
-
-/// Points with each unconstrained number at -0.8, 0 or 0.8 (partial autocorrelations of 0.66); for more numbers than
-/// that allows, a fixed pseudo-random choice among them.
-fn coarse_grid(numbers: usize) -> Vec<Vec<f64>> {
-    if numbers == 0 {
-        return Vec::new();
-    }
-    let all = 3usize.checked_pow(numbers as u32).filter(|n| *n <= GRID_POINTS);
-    let mut state = 1u64;
-    (0..all.unwrap_or(GRID_POINTS))
-        .map(|index| {
-            let mut rest = index;
-            (0..numbers)
-                .map(|_| {
-                    let digit = if all.is_some() {
-                        let digit = rest % 3;
-                        rest /= 3;
-                        digit
-                    } else {
-                        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-                        (state >> 33) as usize % 3
-                    };
-                    0.8 * (digit as f64 - 1.0)
-                })
-                .collect()
-        })
-        .collect()
-}
-
-/// Two-stage regression of Hannan and Rissanen (1982): residuals of a long autoregression stand in
-/// for the innovations. `None` when the series is too short.
-fn hannan_rissanen(w: &[f64], p: usize, q: usize) -> Option<Vec<f64>> {
-    let n = w.len();
-    let long = if q == 0 { 0 } else { (p + q + 4).max((10.0 * (n as f64).log10()) as usize).min(n / 4) };
-    let first = long + p.max(q);
-    if n < first + 3 * (p + q) + 2 {
-        return None;
-    }
-    let mut innovations = vec![0.0; n];
-    if q > 0 {
-        let phi = regress(n, long, long, |t, j| w[t - 1 - j], |t| w[t])?;
-        for t in long..n {
-            innovations[t] = w[t] - phi.iter().enumerate().map(|(j, c)| c * w[t - 1 - j]).sum::<f64>();
-        }
-    }
-    let lag = |t: usize, j: usize| if j < p { w[t - 1 - j] } else { innovations[t - 1 - (j - p)] };
-    let coefficients = regress(n, first, p + q, lag, |t| w[t])?;
-    let mut x = unconstrained_near(&coefficients[..p], false);
-    x.extend(unconstrained_near(&coefficients[p..], true));
-    Some(x)
-}
-
-/// Least squares of `target(t)` on `feature(t, 0..m)`, `t` in `from..n`, by normal equations.
-fn regress(
-    n: usize,
-    from: usize,
-    m: usize,
-    feature: impl Fn(usize, usize) -> f64,
-    target: impl Fn(usize) -> f64,
-) -> Option<Vec<f64>> {
-    let mut gram = vec![0.0; m * m];
-    let mut cross = vec![0.0; m];
-    let mut row = vec![0.0; m];
-    for t in from..n {
-        for (j, v) in row.iter_mut().enumerate() {
-            *v = feature(t, j);
-        }
-        let y = target(t);
-        for i in 0..m {
-            cross[i] += row[i] * y;
-            for j in 0..=i {
-                gram[i * m + j] += row[i] * row[j];
-            }
-        }
-    }
-    // A start needs no digits; the ridge keeps collinear lags from failing.
-    let ridge = 1e-9 * (0..m).map(|i| gram[i * m + i]).fold(0.0, f64::max);
-    (0..m).for_each(|i| gram[i * m + i] += ridge);
-    cholesky(&mut gram, m).ok()?;
-    solve_lower(&gram, m, &mut cross);
-    solve_lower_transpose(&gram, m, &mut cross);
-    Some(cross)
 }

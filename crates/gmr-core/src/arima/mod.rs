@@ -9,9 +9,12 @@ mod auto;
 mod dense;
 mod filter;
 mod fit;
+mod lanes;
 mod model;
+mod objective;
 mod optimise;
 mod polynomial;
+mod starts;
 
 pub use auto::{ArimaCandidate, AutoArima, AutoArimaParams, AutoArimaPlan, kpss};
 pub use fit::{ArimaOrder, ArimaParams, ArimaPlan, ArimaReport, ArimaStart, ArimaStop};

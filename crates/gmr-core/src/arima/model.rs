@@ -230,6 +230,14 @@ impl Arima {
         Arma::new(&self.parts.ar, &self.parts.ma)
     }
 
+    /// Variance of the differenced series per unit innovation variance.
+    pub(super) fn stationary_variance(&self) -> f64 {
+        let arma = self.arma();
+        let mut work = Work::new(arma.r);
+        arma.stationary_covariance(&mut work);
+        work.p[0]
+    }
+
     /// Exact log-likelihood of a series (NaN: missing) under this model; for `d > 0` the diffuse
     /// likelihood, which for complete data is that of the differenced series.
     ///

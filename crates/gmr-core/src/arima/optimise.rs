@@ -14,19 +14,77 @@ pub(super) struct Minimum {
 /// truncation and rounding balance.
 const STEP: f64 = 6e-6;
 
+/// Points about which a function is known: one, and each of its coordinates a step up and a step down.
+struct Stencil {
+    n: usize,
+    /// `(1 + 2 n, n)`.
+    points: Vec<f64>,
+    values: Vec<f64>,
+}
+
+impl Stencil {
+    fn new(n: usize) -> Self {
+        Self { n, points: vec![0.0; (1 + 2 * n) * n], values: vec![0.0; 1 + 2 * n] }
+    }
+
+    fn step(x: f64) -> f64 {
+        STEP * x.abs().max(1.0)
+    }
+
+    fn place(&mut self, x: &[f64]) {
+        for point in self.points.chunks_exact_mut(self.n.max(1)) {
+            point.copy_from_slice(x);
+        }
+        for (i, &at) in x.iter().enumerate() {
+            self.points[(1 + 2 * i) * self.n + i] = at + Self::step(at);
+            self.points[(2 + 2 * i) * self.n + i] = at - Self::step(at);
+        }
+    }
+
+    /// The value at the middle.
+    fn middle(&mut self, f: &mut impl FnMut(&[f64], &mut [f64])) -> f64 {
+        f(&self.points[..self.n], &mut self.values[..1]);
+        self.values[0]
+    }
+
+    /// The values around the middle.
+    fn around(&mut self, f: &mut impl FnMut(&[f64], &mut [f64])) {
+        f(&self.points[self.n..], &mut self.values[1..]);
+    }
+
+    /// Both in one call.
+    fn all(&mut self, f: &mut impl FnMut(&[f64], &mut [f64])) -> f64 {
+        f(&self.points, &mut self.values);
+        self.values[0]
+    }
+
+    fn gradient(&self, gradient: &mut [f64]) {
+        for (i, (g, ends)) in gradient.iter_mut().zip(self.values[1..].chunks_exact(2)).enumerate() {
+            *g = (ends[0] - ends[1]) / (2.0 * Self::step(self.points[i]));
+        }
+    }
+}
+
 /// BFGS (Nocedal and Wright 2006, algorithm 6.1) with central differences and a backtracking
 /// line search. Stops when the gradient falls below `tolerance` or no step lowers the value.
+///
+/// `f` takes points, one after the other, and writes the value of each. Up to `at_once` points cost it about as much as
+/// one; where a point and all its neighbours are no more than that, they are asked for together.
 pub(super) fn minimise(
     start: &[f64],
     max_iterations: usize,
     tolerance: f64,
-    mut f: impl FnMut(&[f64]) -> f64,
+    at_once: usize,
+    mut f: impl FnMut(&[f64], &mut [f64]),
 ) -> Minimum {
     let n = start.len();
     let mut x = start.to_vec();
-    let mut value = f(&x);
+    let mut stencil = Stencil::new(n);
+    let together = stencil.values.len() <= at_once;
+    stencil.place(&x);
+    let mut value = stencil.all(&mut f);
     let mut gradient = vec![0.0; n];
-    differentiate(&mut x, &mut gradient, &mut f);
+    stencil.gradient(&mut gradient);
     let mut inverse = identity(n);
     let mut fresh = true;
     let mut iterations = 0;
@@ -51,7 +109,8 @@ pub(super) fn minimise(
             for ((t, x), d) in trial.iter_mut().zip(&x).zip(&direction) {
                 *t = step.mul_add(*d, *x);
             }
-            lower = f(&trial);
+            stencil.place(&trial);
+            lower = if together { stencil.all(&mut f) } else { stencil.middle(&mut f) };
             if lower <= value + 1e-4 * step * slope {
                 break;
             }
@@ -68,7 +127,10 @@ pub(super) fn minimise(
             fresh = true;
             continue;
         }
-        differentiate(&mut trial, &mut next_gradient, &mut f);
+        if !together {
+            stencil.around(&mut f);
+        }
+        stencil.gradient(&mut next_gradient);
         let s: Vec<f64> = trial.iter().zip(&x).map(|(a, b)| a - b).collect();
         let y: Vec<f64> = next_gradient.iter().zip(&gradient).map(|(a, b)| a - b).collect();
         let sy: f64 = s.iter().zip(&y).map(|(a, b)| a * b).sum();
@@ -100,18 +162,6 @@ fn largest(v: &[f64]) -> f64 {
     v.iter().fold(0.0, |m: f64, g| m.max(g.abs()))
 }
 
-fn differentiate(x: &mut [f64], gradient: &mut [f64], f: &mut impl FnMut(&[f64]) -> f64) {
-    for i in 0..x.len() {
-        let (at, h) = (x[i], STEP * x[i].abs().max(1.0));
-        x[i] = at + h;
-        let up = f(x);
-        x[i] = at - h;
-        let down = f(x);
-        x[i] = at;
-        gradient[i] = (up - down) / (2.0 * h);
-    }
-}
-
 /// `H <- (I - s y'/sy) H (I - y s'/sy) + s s'/sy`.
 fn update(h: &mut [f64], s: &[f64], y: &[f64], sy: f64) {
     let n = s.len();
@@ -130,8 +180,13 @@ mod tests {
 
     #[test]
     fn finds_the_minimum_of_the_rosenbrock_valley() {
-        let minimum =
-            minimise(&[-1.2, 1.0], 200, 1e-8, |x| 100.0 * (x[1] - x[0] * x[0]).powi(2) + (1.0 - x[0]).powi(2));
-        assert!((minimum.x[0] - 1.0).abs() < 1e-5 && (minimum.x[1] - 1.0).abs() < 1e-5, "{minimum:?}");
+        for at_once in [1, 8] {
+            let minimum = minimise(&[-1.2, 1.0], 200, 1e-8, at_once, |points, values| {
+                for (x, value) in points.chunks_exact(2).zip(values) {
+                    *value = 100.0 * (x[1] - x[0] * x[0]).powi(2) + (1.0 - x[0]).powi(2);
+                }
+            });
+            assert!((minimum.x[0] - 1.0).abs() < 1e-5 && (minimum.x[1] - 1.0).abs() < 1e-5, "{minimum:?}");
+        }
     }
 }

@@ -3,6 +3,7 @@
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
+use super::factors::whiten;
 use super::params::CovarianceKind;
 use crate::error::{Error, Result, check_len, check_values};
 use crate::kernel::{self, Blocks, Components};
@@ -205,15 +206,17 @@ impl Mixture {
             }
         } else {
             let matrices = if *kind == CovarianceKind::Tied { 1 } else { k };
-            let mut inverse = vec![0.0; d * d];
-            for c in 0..matrices {
-                let mut factor = covariances[c * d * d..(c + 1) * d * d].to_vec();
-                cholesky(&mut factor, d).map_err(|p| refused(c, p.row, p.value))?;
-                invert_lower(&factor, d, &mut inverse);
-                self.whitening.extend_from_slice(&inverse);
+            self.whitening.resize(k * d * d, 0.0);
+            if !whiten(covariances, d, &mut self.whitening) {
+                // One by one, many features at once or to say which covariance has no factor.
+                for (c, inverse) in self.whitening.chunks_exact_mut(d * d).take(matrices).enumerate() {
+                    let mut factor = covariances[c * d * d..(c + 1) * d * d].to_vec();
+                    cholesky(&mut factor, d).map_err(|p| refused(c, p.row, p.value))?;
+                    invert_lower(&factor, d, inverse);
+                }
             }
-            for _ in matrices..k {
-                self.whitening.extend_from_slice(&inverse);
+            for c in matrices..k {
+                self.whitening.copy_within(..d * d, c * d * d);
             }
         }
         let diagonal = |c: usize, j: usize| if kind.is_diagonal() { c * d + j } else { (c * d + j) * d + j };

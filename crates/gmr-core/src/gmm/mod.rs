@@ -5,6 +5,7 @@
 //! `W_n = L_n^-1`, `Sigma_n = L_n L_n'`; the M step takes moments about the current means.
 
 mod em;
+mod factors;
 mod mixture;
 mod params;
 mod report;

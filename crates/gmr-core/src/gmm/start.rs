@@ -34,12 +34,11 @@ pub(super) fn assign(
         Start::KMeans | Start::KMeansPlusPlus | Start::Mixture(_) => plus_plus_seeds(blocks, samples, k, rng),
     };
     let mut labels = vec![0.0; blocks.padded()];
-    let mut distances = vec![0.0; blocks.padded()];
     let mut iterations = 0;
     if matches!(start, Start::KMeans) {
-        iterations = lloyd(blocks, samples, k, &mut centres, &mut labels, &mut distances);
+        iterations = lloyd(blocks, samples, k, &mut centres, &mut labels);
     }
-    blocks.nearest(&centres, &mut labels, &mut distances);
+    blocks.nearest(&centres, &mut labels);
     Assignment { labels, centres, iterations }
 }
 
@@ -87,6 +86,26 @@ fn plus_plus_seeds(blocks: &Blocks, samples: &Samples<'_>, k: usize, rng: &mut C
     centres
 }
 
+/// Moves each cluster without samples to the sample farthest from its own centre.
+fn revive(samples: &Samples<'_>, centres: &[f64], labels: &[f64], sums: &mut [f64]) {
+    let dim = samples.dim();
+    let distance = |i: usize| {
+        let centre = &centres[labels[i] as usize * dim..][..dim];
+        samples.row(i).iter().zip(centre).map(|(x, c)| (x - c) * (x - c)).sum::<f64>()
+    };
+    let mut distances: Vec<f64> = (0..samples.len()).map(distance).collect();
+    for sum in sums.chunks_exact_mut(dim + 1).filter(|sum| !(sum[0] > 0.0)) {
+        let farthest = (0..samples.len())
+            .filter(|&i| samples.weight(i) > 0.0)
+            .max_by(|&a, &b| distances[a].total_cmp(&distances[b]));
+        if let Some(i) = farthest {
+            distances[i] = 0.0;
+            sum[0] = 1.0;
+            sum[1..].copy_from_slice(samples.row(i));
+        }
+    }
+}
+
 fn running_sums(sums: &mut [f64], values: impl Iterator<Item = f64>) {
     let mut total = 0.0;
     for (sum, value) in sums.iter_mut().zip(values) {
@@ -108,33 +127,16 @@ fn draw(reach: &[f64], rng: &mut ChaCha8Rng) -> usize {
 }
 
 /// Lloyd's iterations; a cluster that loses all samples moves to the sample farthest from its centre.
-fn lloyd(
-    blocks: &Blocks,
-    samples: &Samples<'_>,
-    k: usize,
-    centres: &mut [f64],
-    labels: &mut [f64],
-    distances: &mut [f64],
-) -> usize {
+fn lloyd(blocks: &Blocks, samples: &Samples<'_>, k: usize, centres: &mut [f64], labels: &mut [f64]) -> usize {
     let dim = samples.dim();
-    let threshold = LLOYD_TOLERANCE * mean_variance(samples);
+    let threshold = LLOYD_TOLERANCE * blocks.mean_variance();
     let mut sums = vec![0.0; k * (dim + 1)];
     let mut lanes = LabelLanes::new(k, dim);
     for iteration in 1..=LLOYD_LIMIT {
-        blocks.nearest(centres, labels, distances);
+        blocks.nearest(centres, labels);
         blocks.label_sums(labels, &mut sums, &mut lanes);
-        for c in 0..k {
-            if sums[c * (dim + 1)] > 0.0 {
-                continue;
-            }
-            let farthest = (0..samples.len())
-                .filter(|&i| samples.weight(i) > 0.0)
-                .max_by(|&a, &b| distances[a].total_cmp(&distances[b]));
-            if let Some(i) = farthest {
-                distances[i] = 0.0;
-                sums[c * (dim + 1)] = 1.0;
-                sums[c * (dim + 1) + 1..(c + 1) * (dim + 1)].copy_from_slice(samples.row(i));
-            }
+        if sums.iter().step_by(dim + 1).any(|mass| !(*mass > 0.0)) {
+            revive(samples, centres, labels, &mut sums);
         }
         let mut shift = 0.0;
         for (sum, centre) in sums.chunks_exact(dim + 1).zip(centres.chunks_exact_mut(dim)) {
@@ -149,23 +151,4 @@ fn lloyd(
         }
     }
     LLOYD_LIMIT
-}
-
-/// Mean over columns of the sample variance.
-fn mean_variance(samples: &Samples<'_>) -> f64 {
-    let (n, d) = (samples.len() as f64, samples.dim());
-    let mut mean = vec![0.0; d];
-    for row in samples.values().chunks_exact(d) {
-        for (m, v) in mean.iter_mut().zip(row) {
-            *m += v;
-        }
-    }
-    mean.iter_mut().for_each(|m| *m /= n);
-    let mut squares = vec![0.0; d];
-    for row in samples.values().chunks_exact(d) {
-        for ((s, m), v) in squares.iter_mut().zip(&mean).zip(row) {
-            *s += (v - m) * (v - m);
-        }
-    }
-    squares.iter().sum::<f64>() / (n * d as f64)
 }

@@ -1,43 +1,28 @@
 //! Samples as the kernels read them: feature-major blocks on cache lines.
 
-use super::{BLOCK, LANES};
+use super::{BLOCK, GROUPS, LANES};
 use crate::samples::Samples;
-
-/// Doubles that begin on a cache line, so that no register load straddles two.
-#[derive(Debug)]
-pub(super) struct Aligned {
-    storage: Vec<f64>,
-    offset: usize,
-    pub(super) len: usize,
-}
-
-impl Aligned {
-    pub(super) fn zeros(len: usize) -> Self {
-        let storage = vec![0.0; len + LANES];
-        // The allocator aligns to eight bytes at least, so at most seven doubles are skipped.
-        let offset = storage.as_ptr().align_offset(64).min(LANES);
-        Self { storage, offset, len }
-    }
-}
-
-impl std::ops::Deref for Aligned {
-    type Target = [f64];
-
-    fn deref(&self) -> &[f64] {
-        &self.storage[self.offset..self.offset + self.len]
-    }
-}
-
-impl std::ops::DerefMut for Aligned {
-    fn deref_mut(&mut self) -> &mut [f64] {
-        &mut self.storage[self.offset..self.offset + self.len]
-    }
-}
+use crate::wide::Aligned;
 
 /// One number per sample of a block.
 #[derive(Debug, Clone, Copy)]
 #[repr(align(64))]
 pub(super) struct Row(pub(super) [f64; BLOCK]);
+
+/// One number per sample of a block, by groups.
+pub(super) type Groups = [[f64; LANES]; GROUPS];
+
+/// Rows of [`BLOCK`] numbers by groups.
+#[inline(always)]
+pub(super) fn groups(rows: &[f64]) -> &[Groups] {
+    rows.as_chunks::<LANES>().0.as_chunks::<GROUPS>().0
+}
+
+/// As [`groups`].
+#[inline(always)]
+pub(super) fn groups_mut(rows: &mut [f64]) -> &mut [Groups] {
+    rows.as_chunks_mut::<LANES>().0.as_chunks_mut::<GROUPS>().0
+}
 
 /// Samples in feature-major blocks, padded to whole lanes with weight zero.
 #[derive(Debug)]
@@ -56,13 +41,16 @@ impl Blocks {
         let blocks = len.div_ceil(BLOCK);
         let mut values = Aligned::zeros(blocks * dim * BLOCK);
         let mut weights = Aligned::zeros(blocks * BLOCK);
-        for (b, block) in values.chunks_exact_mut(dim * BLOCK).enumerate() {
-            for lane in 0..BLOCK {
-                // Padding repeats the last sample, so that it is as ordinary as its neighbours.
-                let row = samples.row((b * BLOCK + lane).min(len - 1));
-                for (j, &v) in row.iter().enumerate() {
-                    block[j * BLOCK + lane] = v;
+        let given = samples.values().chunks(dim * BLOCK);
+        for (block, given) in values.chunks_exact_mut(dim * BLOCK).zip(given) {
+            for (j, feature) in block.chunks_exact_mut(BLOCK).enumerate() {
+                for (out, row) in feature.iter_mut().zip(given.chunks_exact(dim)) {
+                    *out = row[j];
                 }
+                // Padding repeats the last sample, so that it is as ordinary as its neighbours.
+                let count = given.len() / dim;
+                let last = feature[count - 1];
+                feature[count..].fill(last);
             }
         }
         for (i, w) in weights.iter_mut().take(len).enumerate() {
@@ -79,6 +67,12 @@ impl Blocks {
     #[inline(always)]
     pub(super) fn block_count(&self) -> usize {
         self.len.div_ceil(BLOCK)
+    }
+
+    /// Groups of block `b`, the last one padded.
+    #[inline(always)]
+    pub(super) fn groups_in(&self, b: usize) -> usize {
+        self.lanes_in(b) / LANES
     }
 
     /// Samples of block `b`, rounded up to whole lanes.

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::blocks::Blocks;
 use super::expectation::{Components, Scratch, expectation};
-use super::{BLOCK, CHUNK_BLOCKS, GROUPS};
+use super::{BLOCK, CHUNK_BLOCKS};
 
 /// Log density of each sample, `(n)`, and, if wanted, the responsibilities, `(n, k)`.
 pub(crate) fn densities(
@@ -48,11 +48,11 @@ impl WithSimd for DensitiesOf<'_> {
         let Self { blocks, range, components, want_responsibilities } = self;
         let k = components.offsets.len();
         let mut scratch = Scratch::new(k, blocks.dim);
-        let (ones, mut hints) = ([1.0; BLOCK], [0; GROUPS]);
+        let ones = [1.0; BLOCK];
         let mut densities = Vec::new();
         let mut responsibilities = Vec::new();
         for b in range {
-            expectation(simd, blocks.block(b), &ones[..blocks.lanes_in(b)], components, &mut hints, &mut scratch);
+            expectation(simd, blocks.block(b), &ones[..blocks.lanes_in(b)], components, &mut scratch);
             let n = BLOCK.min(blocks.len - b * BLOCK);
             densities.extend_from_slice(&scratch.density.0[..n]);
             if want_responsibilities {

@@ -7,8 +7,8 @@
 //! zeroth, first and second moments in one product. Moments are taken about a centre given per
 //! component (its current mean), never about the origin, so that no digits cancel.
 //!
-//! A component whose log density lies [`NEGLIGIBLE`] below the best one for all samples of a group of [`LANES`] is left
-//! out of that group: neither its exponentials nor its moments are formed.
+//! A responsibility below `exp(-`[`NEGLIGIBLE`]`)` is zero, and a group of [`LANES`] samples whose responsibilities are all
+//! zero is left out of the moments of a component.
 //!
 //! Every sum is kept in [`LANES`] interleaved partial sums whatever the register width, chunks
 //! of [`CHUNK_BLOCKS`] blocks are independent, and their results are added in order: the bytes do
@@ -20,6 +20,7 @@ mod expectation;
 mod moments;
 mod nearest;
 mod norms;
+mod small;
 mod tile;
 
 use pulp::{Arch, Simd, WithSimd};
@@ -31,15 +32,14 @@ pub(crate) use moments::{Moments, Workspace, label_moments, log_likelihood, mome
 pub(crate) use nearest::LabelLanes;
 
 use crate::scalar::ln_positive;
+use crate::wide::LANES;
 
-/// Interleaved partial sums; the widest register in use (AVX-512) has eight lanes.
-const LANES: usize = 8;
 /// Samples per block: the working set of a seven-dimensional block (14 KiB) stays in a 32 KiB L1.
 const BLOCK: usize = 128;
 /// Groups of [`LANES`] samples per block.
 const GROUPS: usize = BLOCK / LANES;
-/// Responsibilities below `exp(-70) = 4e-31` are zero where a whole group of samples has them. A component keeps at
-/// least 1e-10 of the mass, so what this leaves out of its moments is 1e-20 of them, far below rounding.
+/// Responsibilities below `exp(-70) = 4e-31` are zero. A component keeps at least 1e-10 of the mass, so what this leaves
+/// out of its moments is 1e-20 of them, far below rounding.
 const NEGLIGIBLE: f64 = 70.0;
 /// Blocks per unit of parallel work: 4096 samples, some hundred microseconds.
 const CHUNK_BLOCKS: usize = 32;

@@ -5,10 +5,12 @@ use std::ops::Range;
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
-use super::blocks::{Aligned, Blocks, Row};
+use super::blocks::{Blocks, Row, groups};
 use super::expectation::{Components, Scratch, expectation};
+use super::small::Small;
 use super::tile::{TILE, dot, tile, tile_rows};
-use super::{BLOCK, CHUNK_BLOCKS, GROUPS, LANES, fold};
+use super::{BLOCK, CHUNK_BLOCKS, LANES, fold};
+use crate::wide::Aligned;
 
 /// Responsibility-weighted moments of each component about its centre, and the log-likelihood.
 #[derive(Debug, Clone, PartialEq)]
@@ -56,15 +58,13 @@ impl Moments {
 /// What one fit keeps from pass to pass, so that a pass over few samples allocates nothing.
 #[derive(Debug)]
 pub(crate) struct Workspace {
-    /// The best component of each group of samples in the pass before.
-    hints: Vec<u16>,
     /// Buffers of the first chunk.
     buffers: Buffers,
 }
 
 impl Workspace {
     pub(crate) fn new(blocks: &Blocks, k: usize) -> Self {
-        Self { hints: vec![0; blocks.block_count() * GROUPS], buffers: Buffers::new(k, blocks.dim) }
+        Self { buffers: Buffers::new(k, blocks.dim) }
     }
 }
 
@@ -130,26 +130,24 @@ pub(crate) fn moments(
     workspace: &mut Workspace,
     out: &mut Moments,
 ) {
-    let Workspace { hints, buffers } = workspace;
-    let pass = |c: usize, hints: &mut [u16], buffers: &mut Buffers, out: &mut Moments| {
+    let pass = |c: usize, buffers: &mut Buffers, out: &mut Moments| {
         let range = chunk(blocks, c);
         let centres = Some(centres);
-        out.log_likelihood = Arch::new().dispatch(MomentsOf { blocks, range, components, centres, hints, buffers });
+        out.log_likelihood = Arch::new().dispatch(MomentsOf { blocks, range, components, centres, buffers });
         buffers.fold_into(out);
     };
     if blocks.block_count() <= CHUNK_BLOCKS {
-        pass(0, hints, buffers, out);
+        pass(0, &mut workspace.buffers, out);
         return;
     }
     let k = components.offsets.len();
-    let parts: Vec<Moments> = hints
-        .par_chunks_mut(CHUNK_BLOCKS * GROUPS)
-        .enumerate()
+    let parts: Vec<Moments> = (0..blocks.block_count().div_ceil(CHUNK_BLOCKS))
+        .into_par_iter()
         .map_init(
             || Buffers::new(k, blocks.dim),
-            |buffers, (c, hints)| {
+            |buffers, c| {
                 let mut out = Moments::zero(k, blocks.dim);
-                pass(c, hints, buffers, &mut out);
+                pass(c, buffers, &mut out);
                 out
             },
         )
@@ -165,19 +163,17 @@ pub(crate) fn moments(
 
 /// `sum w ln p(x)`.
 pub(crate) fn log_likelihood(blocks: &Blocks, components: Components<'_>, workspace: &mut Workspace) -> f64 {
-    let Workspace { hints, buffers } = workspace;
-    let pass = |c: usize, hints: &mut [u16], buffers: &mut Buffers| {
+    let pass = |c: usize, buffers: &mut Buffers| {
         let range = chunk(blocks, c);
-        Arch::new().dispatch(MomentsOf { blocks, range, components, centres: None, hints, buffers })
+        Arch::new().dispatch(MomentsOf { blocks, range, components, centres: None, buffers })
     };
     if blocks.block_count() <= CHUNK_BLOCKS {
-        return pass(0, hints, buffers);
+        return pass(0, &mut workspace.buffers);
     }
     let k = components.offsets.len();
-    let parts: Vec<f64> = hints
-        .par_chunks_mut(CHUNK_BLOCKS * GROUPS)
-        .enumerate()
-        .map_init(|| Buffers::new(k, blocks.dim), |buffers, (c, hints)| pass(c, hints, buffers))
+    let parts: Vec<f64> = (0..blocks.block_count().div_ceil(CHUNK_BLOCKS))
+        .into_par_iter()
+        .map_init(|| Buffers::new(k, blocks.dim), |buffers, c| pass(c, buffers))
         .collect();
     parts.iter().sum()
 }
@@ -218,13 +214,15 @@ impl Rows {
     }
 }
 
-/// One component of one block: its responsibilities, weights included, and the groups of samples that have any.
+/// One component of one block: its responsibilities, weights included, of the first `lanes` samples, and the groups of
+/// samples that have any.
 #[derive(Clone, Copy)]
 struct Part<'a> {
     block: &'a [f64],
     centre: &'a [f64],
-    r: &'a [f64],
-    groups: &'a [u8],
+    r: &'a [f64; BLOCK],
+    lanes: usize,
+    active: u32,
     diagonal: bool,
 }
 
@@ -232,30 +230,61 @@ impl Part<'_> {
     /// Adds `sum r [z; 1][z; 1]'` to interleaved sums `(p, p, LANES)`.
     #[inline(always)]
     fn add<S: Simd>(self, simd: S, sums: &mut [f64], rows: &mut Rows) {
-        let Self { block, centre, r, groups, diagonal } = self;
-        let Rows { ones, zeros, z: Row(z), rz: Row(rz) } = rows;
-        let (dim, lanes) = (centre.len(), r.len());
-        let p = padded(dim);
-        if diagonal {
-            for (j, (x, m)) in block.chunks_exact(BLOCK).zip(centre).enumerate() {
-                for (((z, rz), x), r) in z[..lanes].iter_mut().zip(&mut *rz).zip(x).zip(r.iter()) {
-                    *z = x - m;
-                    *rz = r * *z;
-                }
-                dot(simd, &mut sums[(j * p + j) * LANES..], &rz[..lanes], &z[..lanes]);
-                dot(simd, &mut sums[(dim * p + j) * LANES..], &rz[..lanes], &ones.0[..lanes]);
-            }
-            dot(simd, &mut sums[(dim * p + dim) * LANES..], r, &ones.0[..lanes]);
-            return;
+        match (self.diagonal, self.centre.len()) {
+            (true, _) => self.add_diagonal(simd, sums, rows),
+            (false, 1) => self.add_small::<S, 1, 2, 2>(simd, sums),
+            (false, 2) => self.add_small::<S, 2, 3, 3>(simd, sums),
+            (false, 3) => self.add_small::<S, 3, 4, 4>(simd, sums),
+            (false, 4) => self.add_small::<S, 4, 5, 5>(simd, sums),
+            (false, 5) => self.add_small::<S, 5, 6, 6>(simd, sums),
+            (false, 6) => self.add_small::<S, 6, 7, 4>(simd, sums),
+            (false, 7) => self.add_small::<S, 7, 8, 5>(simd, sums),
+            (false, 8) => self.add_small::<S, 8, 9, 6>(simd, sums),
+            _ => self.add_tiles(simd, sums, rows),
         }
-        let r = S::as_simd_f64s(r).0;
+    }
+
+    #[inline(always)]
+    fn add_small<S: Simd, const D: usize, const C: usize, const H: usize>(self, simd: S, sums: &mut [f64]) {
+        let Self { block, centre, r, active, .. } = self;
+        let rows = &groups(block).as_chunks::<D>().0[0];
+        let centre = &centre.as_chunks::<D>().0[0];
+        let (r, sums, stride) = (&groups(r)[0], sums.as_chunks_mut().0, padded(D));
+        // A function of its own, which the two passes share.
+        simd.vectorize(Small::<D, C, H> { rows, centre, r, active, sums, stride });
+    }
+
+    #[inline(always)]
+    fn add_diagonal<S: Simd>(self, simd: S, sums: &mut [f64], rows: &mut Rows) {
+        let Self { block, centre, r, lanes, .. } = self;
+        let Rows { ones, z: Row(z), rz: Row(rz), .. } = rows;
+        let dim = centre.len();
+        let p = padded(dim);
+        let r = &r[..lanes];
+        for (j, (x, m)) in block.chunks_exact(BLOCK).zip(centre).enumerate() {
+            for (((z, rz), x), r) in z[..lanes].iter_mut().zip(&mut *rz).zip(x).zip(r.iter()) {
+                *z = x - m;
+                *rz = r * *z;
+            }
+            dot(simd, &mut sums[(j * p + j) * LANES..], &rz[..lanes], &z[..lanes]);
+            dot(simd, &mut sums[(dim * p + j) * LANES..], &rz[..lanes], &ones.0[..lanes]);
+        }
+        dot(simd, &mut sums[(dim * p + dim) * LANES..], r, &ones.0[..lanes]);
+    }
+
+    #[inline(always)]
+    fn add_tiles<S: Simd>(self, simd: S, sums: &mut [f64], rows: &mut Rows) {
+        let Self { block, centre, r, lanes, active, .. } = self;
+        let Rows { ones, zeros, .. } = rows;
+        let p = padded(centre.len());
+        let r = S::as_simd_f64s(&r[..lanes]).0;
         for i in (0..p).step_by(TILE) {
             let rows = tile_rows::<S>(simd, block, centre, i, r.len(), ones, zeros);
             for j in (0..i).step_by(TILE) {
                 let columns = tile_rows::<S>(simd, block, centre, j, r.len(), ones, zeros);
-                tile::<S, false>(simd, &mut sums[(i * p + j) * LANES..], p, &rows, &columns, r, groups);
+                tile::<S, false>(simd, &mut sums[(i * p + j) * LANES..], p, &rows, &columns, r, active);
             }
-            tile::<S, true>(simd, &mut sums[(i * p + i) * LANES..], p, &rows, &rows, r, groups);
+            tile::<S, true>(simd, &mut sums[(i * p + i) * LANES..], p, &rows, &rows, r, active);
         }
     }
 }
@@ -266,7 +295,6 @@ struct MomentsOf<'a> {
     components: Components<'a>,
     /// Where to take moments about; without, there is only the log-likelihood.
     centres: Option<&'a [f64]>,
-    hints: &'a mut [u16],
     buffers: &'a mut Buffers,
 }
 
@@ -276,34 +304,34 @@ impl WithSimd for MomentsOf<'_> {
     /// Leaves the sums in the buffers and returns the log-likelihood.
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> f64 {
-        let Self { blocks, range, components, centres, hints, buffers } = self;
+        let Self { blocks, range, components, centres, buffers } = self;
         buffers.clear();
         let Buffers { scratch, sums, extra } = buffers;
         let dim = blocks.dim;
         let p = padded(dim);
         let mut likelihood = [0.0; LANES];
         let mut rows = Rows::new();
-        for (b, hints) in range.zip(hints.chunks_exact_mut(GROUPS)) {
+        for b in range {
             let lanes = blocks.lanes_in(b);
             let block = blocks.block(b);
             let weights = &blocks.weights[b * BLOCK..b * BLOCK + lanes];
-            expectation(simd, block, weights, components, hints, scratch);
+            expectation(simd, block, weights, components, scratch);
             for (d, w) in scratch.density.0[..lanes].chunks_exact(LANES).zip(weights.chunks_exact(LANES)) {
                 for ((l, d), w) in likelihood.iter_mut().zip(d).zip(w) {
                     *l += if *w > 0.0 { w * d } else { 0.0 };
                 }
             }
             let Some(centres) = centres else { continue };
-            for (c, sums) in sums.chunks_exact_mut(p * p * LANES).enumerate() {
-                let groups = scratch.active[c].list();
-                if groups.is_empty() {
+            let diagonal = components.diagonal;
+            let responsibilities = scratch.joint.as_chunks::<BLOCK>().0.iter().zip(&scratch.active);
+            for (c, (sums, (r, &active))) in sums.chunks_exact_mut(p * p * LANES).zip(responsibilities).enumerate() {
+                if active == 0 {
                     continue;
                 }
-                let r = &scratch.joint[c * BLOCK..c * BLOCK + lanes];
                 let centre = &centres[c * dim..(c + 1) * dim];
-                Part { block, centre, r, groups, diagonal: components.diagonal }.add(simd, sums, &mut rows);
+                Part { block, centre, r, lanes, active, diagonal }.add(simd, sums, &mut rows);
                 if let Some(e) = &blocks.extra {
-                    dot(simd, &mut extra[c * LANES..(c + 1) * LANES], r, &e[b * BLOCK..b * BLOCK + lanes]);
+                    dot(simd, &mut extra[c * LANES..(c + 1) * LANES], &r[..lanes], &e[b * BLOCK..b * BLOCK + lanes]);
                 }
             }
         }
@@ -333,30 +361,35 @@ impl WithSimd for LabelMomentsOf<'_> {
         for b in 0..blocks.block_count() {
             let range = b * BLOCK..b * BLOCK + blocks.lanes_in(b);
             let block = blocks.block(b);
-            let weights = S::as_simd_f64s(&blocks.weights[range.clone()]).0;
-            let labels = S::as_simd_f64s(&labels[range.clone()]).0;
-            let active = &mut scratch.active[0];
+            let lanes = range.len();
+            let (weights, labels) = (&blocks.weights[range.clone()], &labels[range]);
             for (c, sums) in sums.chunks_exact_mut(p * p * LANES).enumerate() {
-                let label = simd.splat_f64s(c as f64);
-                let r = &mut scratch.joint[..range.len()];
-                active.clear();
-                let per = LANES / S::F64_LANES;
-                let registers = S::as_mut_simd_f64s(r).0.chunks_exact_mut(per);
-                let given = labels.chunks_exact(per).zip(weights.chunks_exact(per));
-                for (g, (r, (labels, weights))) in registers.zip(given).enumerate() {
-                    let mut any = false;
-                    for ((r, l), w) in r.iter_mut().zip(labels).zip(weights) {
-                        let mine = simd.equal_f64s(*l, label);
-                        *r = simd.select_f64s(mine, *w, simd.splat_f64s(0.0));
-                        any |= simd.first_true_m64s(mine) < S::F64_LANES;
-                    }
-                    active.push_if(g, any);
-                }
-                if !active.list().is_empty() {
+                let r = &mut scratch.joint.as_chunks_mut::<BLOCK>().0[0];
+                let active = weights_of_label(simd, c, labels, weights, r);
+                if active != 0 {
                     let centre = &centres[c * dim..(c + 1) * dim];
-                    Part { block, centre, r, groups: active.list(), diagonal }.add(simd, sums, &mut rows);
+                    Part { block, centre, r, lanes, active, diagonal }.add(simd, sums, &mut rows);
                 }
             }
         }
     }
+}
+
+/// The weights of the samples with label `c`, zero for others, and the groups that have any.
+#[inline(always)]
+fn weights_of_label<S: Simd>(simd: S, c: usize, labels: &[f64], weights: &[f64], r: &mut [f64; BLOCK]) -> u32 {
+    let label = simd.splat_f64s(c as f64);
+    let given = labels.as_chunks::<LANES>().0.iter().zip(weights.as_chunks::<LANES>().0);
+    let mut active = 0;
+    for ((g, r), (labels, weights)) in r.as_chunks_mut::<LANES>().0.iter_mut().enumerate().zip(given) {
+        let given = S::as_simd_f64s(labels).0.iter().zip(S::as_simd_f64s(weights).0);
+        let mut any = false;
+        for (r, (l, w)) in S::as_mut_simd_f64s(r).0.iter_mut().zip(given) {
+            let mine = simd.equal_f64s(*l, label);
+            *r = simd.select_f64s(mine, *w, simd.splat_f64s(0.0));
+            any |= simd.first_true_m64s(mine) < S::F64_LANES;
+        }
+        active |= u32::from(any) << g;
+    }
+    active
 }

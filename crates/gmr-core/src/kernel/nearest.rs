@@ -2,8 +2,9 @@
 
 use pulp::{Arch, Simd, WithSimd};
 
-use super::blocks::{Aligned, Blocks};
-use super::{BLOCK, LANES, fold};
+use super::blocks::{Blocks, groups, groups_mut};
+use super::{BLOCK, GROUPS, LANES, fold};
+use crate::wide::{Aligned, Wide};
 
 impl Blocks {
     /// The smaller of `distances` and the squared distance of each sample to `centre`, and the weighted sum of that;
@@ -12,10 +13,15 @@ impl Blocks {
         Arch::new().dispatch(Closer { blocks: self, centre, distances, out })
     }
 
-    /// The index of the nearest of `centres: (k, d)` for each sample, and the squared distance to it; both slices have
-    /// [`Self::padded`] entries.
-    pub(crate) fn nearest(&self, centres: &[f64], labels: &mut [f64], distances: &mut [f64]) {
-        Arch::new().dispatch(Nearest { blocks: self, centres, labels, distances });
+    /// The index of the nearest of `centres: (k, d)` for each sample; `labels` has [`Self::padded`] entries.
+    pub(crate) fn nearest(&self, centres: &[f64], labels: &mut [f64]) {
+        Arch::new().dispatch(Nearest { blocks: self, centres, labels });
+    }
+
+    /// Mean over features of the variance of the samples.
+    pub(crate) fn mean_variance(&self) -> f64 {
+        (0..self.dim).map(|feature| Arch::new().dispatch(Variance { blocks: self, feature })).sum::<f64>()
+            / self.dim as f64
     }
 
     /// Weighted sums of the samples of each label, rows of `[weight, sum_1 .. sum_d]` in `sums: (k, d + 1)`.
@@ -37,6 +43,32 @@ impl LabelLanes {
     }
 }
 
+/// Calls `$this.of::<S, D, P>(simd)` for up to eight features, with registers per group `P` fixed by the register width,
+/// or `$this.of_any_dimension(simd)`.
+macro_rules! by_dimension {
+    ($this:ident, $simd:ident, $dim:expr) => {
+        match $dim {
+            1 => by_dimension!($this, $simd, of 1),
+            2 => by_dimension!($this, $simd, of 2),
+            3 => by_dimension!($this, $simd, of 3),
+            4 => by_dimension!($this, $simd, of 4),
+            5 => by_dimension!($this, $simd, of 5),
+            6 => by_dimension!($this, $simd, of 6),
+            7 => by_dimension!($this, $simd, of 7),
+            8 => by_dimension!($this, $simd, of 8),
+            _ => $this.of_any_dimension($simd),
+        }
+    };
+    ($this:ident, $simd:ident, of $d:literal) => {
+        match LANES / S::F64_LANES {
+            1 => $this.of::<S, $d, 1>($simd),
+            2 => $this.of::<S, $d, 2>($simd),
+            4 => $this.of::<S, $d, 4>($simd),
+            _ => $this.of::<S, $d, LANES>($simd),
+        }
+    };
+}
+
 /// The smaller of `distances` and the squared distance to one centre.
 struct Closer<'a> {
     blocks: &'a Blocks,
@@ -50,6 +82,42 @@ impl WithSimd for Closer<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> f64 {
+        by_dimension!(self, simd, self.blocks.dim)
+    }
+}
+
+impl Closer<'_> {
+    #[inline(always)]
+    fn of<S: Simd, const D: usize, const P: usize>(self, simd: S) -> f64 {
+        let Self { blocks, centre, distances, out } = self;
+        let zero = Wide::<S, P>::splat(simd, 0.0);
+        let mut at = [zero; D];
+        for j in 0..D {
+            at[j] = Wide::splat(simd, centre[j]);
+        }
+        let mut potential = zero;
+        let (before, weights, out) = (groups(distances), groups(&blocks.weights), groups_mut(out));
+        for b in 0..blocks.block_count() {
+            let rows = &groups(blocks.block(b)).as_chunks::<D>().0[0];
+            let (before, weights, out) = (&before[b], &weights[b], &mut out[b]);
+            for g in 0..blocks.groups_in(b).min(GROUPS) {
+                let mut d = zero;
+                for j in 0..D {
+                    let z = Wide::load(simd, &rows[j][g]) - at[j];
+                    d = z.mul_add(z, d);
+                }
+                let d = d.smaller(Wide::load(simd, &before[g]));
+                potential = d.mul_add(Wide::load(simd, &weights[g]), potential);
+                d.store(&mut out[g]);
+            }
+        }
+        let mut sums = [0.0; LANES];
+        potential.store(&mut sums);
+        fold(&sums)
+    }
+
+    #[inline(always)]
+    fn of_any_dimension<S: Simd>(self, simd: S) -> f64 {
         let Self { blocks, centre, distances, out } = self;
         let mut potential = [0.0; LANES];
         let sums = S::as_mut_simd_f64s(&mut potential).0;
@@ -79,7 +147,6 @@ struct Nearest<'a> {
     blocks: &'a Blocks,
     centres: &'a [f64],
     labels: &'a mut [f64],
-    distances: &'a mut [f64],
 }
 
 impl WithSimd for Nearest<'_> {
@@ -87,66 +154,71 @@ impl WithSimd for Nearest<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        match self.blocks.dim {
-            1 => self.of::<S, 1>(simd),
-            2 => self.of::<S, 2>(simd),
-            3 => self.of::<S, 3>(simd),
-            4 => self.of::<S, 4>(simd),
-            5 => self.of::<S, 5>(simd),
-            6 => self.of::<S, 6>(simd),
-            7 => self.of::<S, 7>(simd),
-            8 => self.of::<S, 8>(simd),
-            _ => self.of_any_dimension(),
-        }
+        by_dimension!(self, simd, self.blocks.dim);
     }
 }
 
 impl Nearest<'_> {
-    /// A register of samples per feature, then all centres.
+    /// The nearest centre is the one with the largest `x.c - |c|^2 / 2`, both taken from the first centre, so that samples
+    /// far from the origin keep their digits. Two groups of samples in registers, then all centres.
     #[inline(always)]
-    fn of<S: Simd, const D: usize>(self, simd: S) {
-        let Self { blocks, centres, labels, distances } = self;
+    fn of<S: Simd, const D: usize, const P: usize>(self, simd: S) {
+        const TWO: usize = 2;
+        let Self { blocks, centres, labels } = self;
         let centres = centres.as_chunks::<D>().0;
-        let zero = simd.splat_f64s(0.0);
-        for b in 0..blocks.block_count() {
-            let block = blocks.block(b);
-            let range = b * BLOCK..b * BLOCK + blocks.lanes_in(b);
-            let rows: [&[S::f64s]; D] = std::array::from_fn(
-                #[inline(always)]
-                |j| S::as_simd_f64s(&block[j * BLOCK..(j + 1) * BLOCK]).0,
-            );
-            let bests = S::as_mut_simd_f64s(&mut distances[range.clone()]).0;
-            let found = S::as_mut_simd_f64s(&mut labels[range]).0;
-            for (v, (best, label)) in bests.iter_mut().zip(found).enumerate() {
-                let mut x = [zero; D];
+        let origin = centres[0];
+        let shifted: Vec<([f64; D], f64)> = centres
+            .iter()
+            .map(|centre| {
+                let mut c = *centre;
+                let mut square = 0.0;
                 for j in 0..D {
-                    x[j] = rows[j][v];
+                    c[j] -= origin[j];
+                    square += c[j] * c[j];
                 }
-                let mut least = simd.splat_f64s(f64::INFINITY);
-                let mut at = zero;
-                for (k, centre) in centres.iter().enumerate() {
-                    let mut d = zero;
-                    for j in 0..D {
-                        let z = simd.sub_f64s(x[j], simd.splat_f64s(centre[j]));
-                        d = simd.mul_add_f64s(z, z, d);
+                (c, -0.5 * square)
+            })
+            .collect();
+        let zero = Wide::<S, P>::splat(simd, 0.0);
+        for (b, labels) in groups_mut(labels).iter_mut().enumerate() {
+            let rows = groups(blocks.block(b)).as_chunks::<D>().0[0].each_ref().map(|row| row.as_chunks::<TWO>().0);
+            let labels = labels.as_chunks_mut::<TWO>().0;
+            for pair in 0..blocks.groups_in(b).div_ceil(TWO).min(GROUPS / TWO) {
+                let mut x = [[zero; TWO]; D];
+                for j in 0..D {
+                    for t in 0..TWO {
+                        x[j][t] = Wide::load(simd, &rows[j][pair][t]) - Wide::splat(simd, origin[j]);
                     }
-                    let closer = simd.less_than_f64s(d, least);
-                    at = simd.select_f64s(closer, simd.splat_f64s(k as f64), at);
-                    least = simd.select_f64s(closer, d, least);
                 }
-                (*best, *label) = (least, at);
+                let mut best = [Wide::splat(simd, f64::NEG_INFINITY); TWO];
+                let mut at = [zero; TWO];
+                let mut index = zero;
+                for (centre, square) in &shifted {
+                    let mut score = [Wide::splat(simd, *square); TWO];
+                    for j in 0..D {
+                        for t in 0..TWO {
+                            score[t] = Wide::splat(simd, centre[j]).mul_add(x[j][t], score[t]);
+                        }
+                    }
+                    for t in 0..TWO {
+                        (best[t], at[t]) = best[t].or_larger(score[t], at[t], index);
+                    }
+                    index = index + Wide::splat(simd, 1.0);
+                }
+                for t in 0..TWO {
+                    at[t].store(&mut labels[pair][t]);
+                }
             }
         }
     }
 
     #[inline(always)]
-    fn of_any_dimension(self) {
-        let Self { blocks, centres, labels, distances } = self;
+    fn of_any_dimension<S: Simd>(self, _: S) {
+        let Self { blocks, centres, labels } = self;
         for b in 0..blocks.block_count() {
             let block = blocks.block(b);
-            let range = b * BLOCK..b * BLOCK + blocks.lanes_in(b);
-            let (best, label) = (&mut distances[range.clone()], &mut labels[range]);
-            best.fill(f64::INFINITY);
+            let label = &mut labels[b * BLOCK..b * BLOCK + blocks.lanes_in(b)];
+            let mut best = [f64::INFINITY; BLOCK];
             label.fill(0.0);
             for (k, centre) in centres.chunks_exact(blocks.dim).enumerate() {
                 let mut distance = [0.0; BLOCK];
@@ -157,13 +229,57 @@ impl Nearest<'_> {
                     }
                 }
                 let index = k as f64;
-                for ((d, l), best) in distance.iter().zip(&mut *label).zip(&mut *best) {
+                for ((d, l), best) in distance.iter().zip(&mut *label).zip(&mut best) {
                     let closer = *d < *best;
                     *l = if closer { index } else { *l };
                     *best = if closer { *d } else { *best };
                 }
             }
         }
+    }
+}
+
+/// Variance of one feature over all samples, each counted once.
+struct Variance<'a> {
+    blocks: &'a Blocks,
+    feature: usize,
+}
+
+impl WithSimd for Variance<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> f64 {
+        let n = self.blocks.len as f64;
+        let mean = self.sum(simd, |_, v| v, |v| v) / n;
+        let at = simd.splat_f64s(mean);
+        let square = |simd: S, v| {
+            let z = simd.sub_f64s(v, at);
+            simd.mul_f64s(z, z)
+        };
+        self.sum(simd, square, |v| (v - mean) * (v - mean)) / n
+    }
+}
+
+impl Variance<'_> {
+    /// Sum of a function, given for registers and for one number.
+    #[inline(always)]
+    fn sum<S: Simd>(&self, simd: S, wide: impl Fn(S, S::f64s) -> S::f64s, one: impl Fn(f64) -> f64) -> f64 {
+        let Self { blocks, feature } = self;
+        let mut lanes = [0.0; LANES];
+        let sums = S::as_mut_simd_f64s(&mut lanes).0;
+        let mut rest = 0.0;
+        for b in 0..blocks.block_count() {
+            let row = &blocks.block(b)[feature * BLOCK..][..(blocks.len - b * BLOCK).min(BLOCK)];
+            let (whole, tail) = row.as_chunks::<LANES>();
+            for v in whole {
+                for (sum, v) in sums.iter_mut().zip(S::as_simd_f64s(v).0) {
+                    *sum = simd.add_f64s(*sum, wide(simd, *v));
+                }
+            }
+            rest += tail.iter().map(|v| one(*v)).sum::<f64>();
+        }
+        fold(&lanes) + rest
     }
 }
 

@@ -2,24 +2,22 @@
 
 use pulp::Simd;
 
+use super::blocks::{groups, groups_mut};
 use super::expectation::{Components, Scratch};
-use super::{BLOCK, LANES, NEGLIGIBLE};
+use super::{BLOCK, GROUPS, LANES};
+use crate::wide::Wide;
 
-/// Fills `scratch.joint`, the largest value of each sample in `scratch.peak`, and in `scratch.found` the groups in
-/// which each component may be worth its while; other groups of `joint` are left as they were. `hints` names for each
-/// group the component to begin with, and keeps the one that was best: it changes the time that this takes, never the
-/// result.
+/// Fills `scratch.joint` and the largest value of each sample in `scratch.peak`.
 #[inline(always)]
 pub(super) fn joint_densities<S: Simd>(
     simd: S,
     block: &[f64],
     lanes: usize,
     components: Components<'_>,
-    hints: &mut [u16],
     scratch: &mut Scratch,
 ) {
     let dim = components.means.len() / components.offsets.len();
-    let block = SmallBlock { block, groups: lanes / LANES, components, hints };
+    let block = SmallBlock { block, groups: lanes / LANES, components };
     match (components.diagonal, dim) {
         (false, 1) => block.of_dimension::<S, 1>(simd, scratch),
         (false, 2) => block.of_dimension::<S, 2>(simd, scratch),
@@ -38,7 +36,6 @@ struct SmallBlock<'a> {
     block: &'a [f64],
     groups: usize,
     components: Components<'a>,
-    hints: &'a mut [u16],
 }
 
 impl SmallBlock<'_> {
@@ -53,144 +50,50 @@ impl SmallBlock<'_> {
         }
     }
 
-    /// Group by group, the component hinted at in full, which gives a bar; then of every component the first rows of
-    /// `W`, which give a lower bound of the norm; then the rest of those whose bound leaves a sample above the bar,
-    /// [`NEGLIGIBLE`] below the best. Rounding is monotone, so this drops nothing that the comparison of the full
-    /// values would keep. The bounds are taken for all components without a branch, because branches on them could not
-    /// be predicted.
+    /// Component by component, every group in full: leaving a component out of the groups it does not reach takes a
+    /// branch that nothing predicts, which costs more than the products. Two groups at a time and `W` column by column,
+    /// so that a product never waits for the one before it.
     #[inline(always)]
     fn of<S: Simd, const D: usize, const P: usize>(self, simd: S, scratch: &mut Scratch) {
-        let Self { block, groups, components, hints } = self;
+        let Self { block, groups: count, components } = self;
         let Components { means, whitening, offsets, .. } = components;
-        let k = offsets.len();
-        let (means, rows) = (&means.as_chunks::<D>().0[..k], &whitening.as_chunks::<D>().0[..k * D]);
-        let joint = &mut scratch.joint.as_chunks_mut::<BLOCK>().0[..k];
-        let heads = &mut scratch.heads.as_chunks_mut::<LANES>().0[..k];
-        let found = &mut scratch.found[..k];
-        found.fill(0);
-        let (zeros, nothing) = ([simd.splat_f64s(0.0); P], simd.splat_f64s(f64::NEG_INFINITY));
-        let negligible = simd.splat_f64s(NEGLIGIBLE);
-        let x: [&[S::f64s]; D] = std::array::from_fn(
-            #[inline(always)]
-            |j| S::as_simd_f64s(&block[j * BLOCK..(j + 1) * BLOCK]).0,
-        );
-        let peaks = S::as_mut_simd_f64s(&mut scratch.peak.0).0;
-        for (g, hint) in hints.iter_mut().enumerate().take(groups) {
-            let group = Group::<S, D, P>::load(simd, &x, g);
-            let first = usize::from(*hint).min(k - 1);
-            let norm = group.less(simd, &means[first]).add(simd, &rows[first * D..(first + 1) * D], 0, D, zeros);
-            let q = density::<S, P>(simd, norm, offsets[first]);
-            S::as_mut_simd_f64s(&mut joint[first][g * LANES..(g + 1) * LANES]).0.copy_from_slice(&q);
-            found[first] |= 1 << g;
-            let (mut best, mut peak, mut least) = (first, [nothing; P], [nothing; P]);
-            for p in 0..P {
-                peak[p] = simd.select_f64s(simd.greater_than_f64s(q[p], nothing), q[p], nothing);
-                least[p] = simd.sub_f64s(peak[p], negligible);
-            }
-            // Components in sets of 64, one bit each.
-            for (set, heads) in heads.chunks_mut(64).enumerate() {
-                let start = set * 64;
-                let mut reached = 0u64;
-                let all = means[start..].iter().zip(rows[start * D..].chunks_exact(D)).zip(&offsets[start..]);
-                for (i, (((mean, w), offset), head)) in all.zip(&mut *heads).enumerate() {
-                    let norm = group.less(simd, mean).add(simd, w, 0, Self::head(D), zeros);
-                    S::as_mut_simd_f64s(head).0.copy_from_slice(&norm);
-                    let above = any_above::<S, P>(simd, &density::<S, P>(simd, norm, *offset), &least);
-                    reached |= u64::from(above && start + i != first) << i;
-                }
-                while reached != 0 {
-                    let i = reached.trailing_zeros() as usize;
-                    let c = start + i;
-                    reached &= reached - 1;
-                    let mut norm = zeros;
-                    norm.copy_from_slice(S::as_simd_f64s(&heads[i]).0);
-                    let norm = group.less(simd, &means[c]).add(simd, &rows[c * D..(c + 1) * D], Self::head(D), D, norm);
-                    let q = density::<S, P>(simd, norm, offsets[c]);
-                    S::as_mut_simd_f64s(&mut joint[c][g * LANES..(g + 1) * LANES]).0.copy_from_slice(&q);
-                    found[c] |= 1 << g;
-                    best = if any_above::<S, P>(simd, &q, &peak) { c } else { best };
-                    for p in 0..P {
-                        peak[p] = simd.select_f64s(simd.greater_than_f64s(q[p], peak[p]), q[p], peak[p]);
+        let rows = groups(block).as_chunks::<D>().0[0].each_ref().map(|row| row.as_chunks::<TWO>().0);
+        let whitening = whitening.as_chunks::<D>().0.as_chunks::<D>().0;
+        let pairs = count.div_ceil(TWO).min(GROUPS / TWO);
+        let peaks = groups_mut(&mut scratch.peak.0)[0].as_chunks_mut::<TWO>().0;
+        peaks.fill([[f64::NEG_INFINITY; LANES]; TWO]);
+        let (zero, half) = (Wide::<S, P>::splat(simd, 0.0), Wide::splat(simd, -0.5));
+        let joint = groups_mut(&mut scratch.joint);
+        for (((joint, mean), w), offset) in joint.iter_mut().zip(means.as_chunks::<D>().0).zip(whitening).zip(offsets) {
+            let joint = joint.as_chunks_mut::<TWO>().0;
+            let offset = Wide::splat(simd, *offset);
+            for pair in 0..pairs {
+                let mut y = [[zero; TWO]; D];
+                let mut norm = [zero; TWO];
+                for j in 0..D {
+                    let centre = Wide::splat(simd, mean[j]);
+                    for t in 0..TWO {
+                        let z = Wide::load(simd, &rows[j][pair][t]) - centre;
+                        for i in 0..D {
+                            if i >= j {
+                                y[i][t] = Wide::splat(simd, w[i][j]).mul_add(z, y[i][t]);
+                            }
+                        }
+                        norm[t] = y[j][t].mul_add(y[j][t], norm[t]);
                     }
                 }
-                for p in 0..P {
-                    least[p] = simd.sub_f64s(peak[p], negligible);
+                for t in 0..TWO {
+                    let q = half.mul_add(norm[t], offset);
+                    q.store(&mut joint[pair][t]);
+                    q.larger(Wide::load(simd, &peaks[pair][t])).store(&mut peaks[pair][t]);
                 }
             }
-            *hint = best as u16;
-            peaks[g * P..(g + 1) * P].copy_from_slice(&peak);
         }
-    }
-
-    /// Rows of `W` that make the bound: less than half of the products.
-    const fn head(d: usize) -> usize {
-        if d > 3 { d / 2 } else { d }
     }
 }
 
-/// Eight samples in `P` registers per feature.
-struct Group<S: Simd, const D: usize, const P: usize>([[S::f64s; P]; D]);
-
-impl<S: Simd, const D: usize, const P: usize> Group<S, D, P> {
-    #[inline(always)]
-    fn load(simd: S, x: &[&[S::f64s]; D], g: usize) -> Self {
-        let mut out = [[simd.splat_f64s(0.0); P]; D];
-        for j in 0..D {
-            out[j].copy_from_slice(&x[j][g * P..(g + 1) * P]);
-        }
-        Self(out)
-    }
-
-    #[inline(always)]
-    fn less(&self, simd: S, mean: &[f64; D]) -> Self {
-        let mut out = self.0;
-        for j in 0..D {
-            let m = simd.splat_f64s(mean[j]);
-            for x in &mut out[j] {
-                *x = simd.sub_f64s(*x, m);
-            }
-        }
-        Self(out)
-    }
-
-    /// Adds the squares of rows `first .. last` of `W z`.
-    #[inline(always)]
-    fn add(&self, simd: S, w: &[[f64; D]], first: usize, last: usize, mut total: [S::f64s; P]) -> [S::f64s; P] {
-        for i in first..last {
-            let mut y = [simd.splat_f64s(0.0); P];
-            for j in 0..=i {
-                let w = simd.splat_f64s(w[i][j]);
-                for (y, z) in y.iter_mut().zip(&self.0[j]) {
-                    *y = simd.mul_add_f64s(w, *z, *y);
-                }
-            }
-            for p in 0..P {
-                total[p] = simd.mul_add_f64s(y[p], y[p], total[p]);
-            }
-        }
-        total
-    }
-}
-
-/// `offset - norm / 2`.
-#[inline(always)]
-fn density<S: Simd, const P: usize>(simd: S, norm: [S::f64s; P], offset: f64) -> [S::f64s; P] {
-    let (half, offset) = (simd.splat_f64s(-0.5), simd.splat_f64s(offset));
-    norm.map(
-        #[inline(always)]
-        |q| simd.mul_add_f64s(half, q, offset),
-    )
-}
-
-/// Whether some `a` is above its `b`.
-#[inline(always)]
-fn any_above<S: Simd, const P: usize>(simd: S, a: &[S::f64s; P], b: &[S::f64s; P]) -> bool {
-    let mut any = false;
-    for p in 0..P {
-        any |= simd.first_true_m64s(simd.greater_than_f64s(a[p], b[p])) < S::F64_LANES;
-    }
-    any
-}
+/// Groups that are worked on together.
+const TWO: usize = 2;
 
 /// As [`joint_densities`], component by component, for diagonal covariances and for many features.
 #[inline(always)]
@@ -199,10 +102,9 @@ fn any_dimension<S: Simd>(simd: S, block: &[f64], lanes: usize, components: Comp
     let k = components.offsets.len();
     let dim = components.means.len() / k;
     let registers = lanes / S::F64_LANES;
-    let Scratch { joint, z, peak, found, .. } = scratch;
+    let Scratch { joint, z, peak, .. } = scratch;
     let peak = &mut peak.0;
     peak.fill(f64::NEG_INFINITY);
-    found.fill(u32::MAX >> (u32::BITS as usize - lanes / LANES));
     for (c, joint) in joint.chunks_exact_mut(BLOCK).enumerate() {
         let mean = &components.means[c * dim..(c + 1) * dim];
         let joint = &mut joint[..lanes];

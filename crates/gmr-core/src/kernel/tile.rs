@@ -41,7 +41,7 @@ pub(super) fn tile_rows<'a, S: Simd>(
 }
 
 /// Adds `sum r z_i z_j` over a tile of four rows and four columns to interleaved sums that lie `p` sums apart per
-/// row, for the groups of samples listed. On the diagonal only `j <= i` is summed.
+/// row, for the groups of samples in `active`. On the diagonal only `j <= i` is summed.
 #[inline(always)]
 pub(super) fn tile<S: Simd, const DIAGONAL: bool>(
     simd: S,
@@ -50,7 +50,7 @@ pub(super) fn tile<S: Simd, const DIAGONAL: bool>(
     rows: &TileRows<'_, S>,
     columns: &TileRows<'_, S>,
     r: &[S::f64s],
-    groups: &[u8],
+    active: u32,
 ) {
     let per = LANES / S::F64_LANES;
     let sums = S::as_mut_simd_f64s(sums).0;
@@ -64,8 +64,10 @@ pub(super) fn tile<S: Simd, const DIAGONAL: bool>(
                 }
             }
         }
-        for group in groups {
-            let v = usize::from(*group) * per + part;
+        let mut rest = active;
+        while rest != 0 {
+            let v = rest.trailing_zeros() as usize * per + part;
+            rest &= rest - 1;
             let mut a = [zero; TILE];
             let mut b = [zero; TILE];
             for i in 0..TILE {

@@ -14,13 +14,15 @@
 //! (inputs, outputs): `C_n = L_oo L_oo'` is positive definite by construction. They are computed once;
 //! a query costs `k (d_i^2 + d_o d_i + d_o^2)` multiply-adds and allocates nothing.
 
+mod batch;
+
 use pulp::{Arch, Simd, WithSimd};
 
 use crate::error::{Error, Result, check_len, check_values};
 use crate::gmm::{LN_2_PI, Mixture, check_dimensions};
 use crate::linalg::{cholesky, invert_lower};
-use crate::samples::Samples;
 use crate::scalar::{exp_nonpositive, ln_positive};
+use crate::wide::LANES;
 
 /// A mixture prepared for one split into inputs and outputs.
 ///
@@ -69,9 +71,6 @@ pub struct Regressor {
     /// `C`, `(k, d_o, d_o)`.
     covariances: Vec<f64>,
 }
-
-/// Lanes everything is padded to.
-const LANES: usize = 8;
 
 /// The slice as whole groups of lanes.
 #[inline(always)]
@@ -610,68 +609,6 @@ impl Regressor {
         } else {
             Err(Error::NoSupport { components: self.components })
         }
-    }
-
-    /// Means and covariances of `queries: (n, d_i)`.
-    ///
-    /// ```
-    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Regressor, Samples};
-    /// # fn main() -> Result<(), gmr_core::Error> {
-    /// # let parts = MixtureParts {
-    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.0, 0.0], covariances: vec![1.0, 0.8, 0.8, 1.0],
-    /// # };
-    /// let joint = Mixture::new(parts)?; // unit variances, correlation 0.8
-    /// let regressor = Regressor::new(&joint, &[0], &[1])?;
-    /// let batch = regressor.predict_batch(&Samples::new(&[0.0, 2.0], 1)?)?;
-    /// assert!(batch.means[0].abs() < 1e-15 && (batch.means[1] - 1.6).abs() < 1e-15);
-    /// # Ok(())
-    /// # }
-    /// ```
-    ///
-    /// # Errors
-    /// As [`Regressor::predict_into`], for the first query that fails.
-    pub fn predict_batch(&self, queries: &Samples<'_>) -> Result<BatchPrediction> {
-        check_len("query dimension", self.inputs.len(), queries.dim())?;
-        let dout = self.outputs.len();
-        let mut batch = BatchPrediction {
-            means: Vec::with_capacity(queries.len() * dout),
-            covariances: Vec::with_capacity(queries.len() * dout * dout),
-        };
-        let mut out = self.prediction();
-        for i in 0..queries.len() {
-            self.predict_into(queries.row(i), &mut out)?;
-            batch.means.extend_from_slice(&out.mean);
-            batch.covariances.extend_from_slice(&out.covariance);
-        }
-        Ok(batch)
-    }
-
-    /// Means of `queries: (n, d_i)`, `(n, d_o)` row-major, without their covariances.
-    ///
-    /// ```
-    /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Regressor, Samples};
-    /// # fn main() -> Result<(), gmr_core::Error> {
-    /// # let parts = MixtureParts {
-    /// #     kind: CovarianceKind::Full, dim: 2, weights: vec![1.0], means: vec![0.0, 0.0], covariances: vec![1.0, 0.8, 0.8, 1.0],
-    /// # };
-    /// let joint = Mixture::new(parts)?; // unit variances, correlation 0.8
-    /// let means = Regressor::new(&joint, &[0], &[1])?.predict_mean_batch(&Samples::new(&[0.0, 2.0], 1)?)?;
-    /// assert!(means[0].abs() < 1e-15 && (means[1] - 1.6).abs() < 1e-15);
-    /// # Ok(())
-    /// # }
-    /// ```
-    ///
-    /// # Errors
-    /// As [`Regressor::predict_into`], for the first query that fails.
-    pub fn predict_mean_batch(&self, queries: &Samples<'_>) -> Result<Vec<f64>> {
-        check_len("query dimension", self.inputs.len(), queries.dim())?;
-        let mut means = Vec::with_capacity(queries.len() * self.outputs.len());
-        let mut out = self.prediction();
-        for i in 0..queries.len() {
-            self.predict_mean_into(queries.row(i), &mut out)?;
-            means.extend_from_slice(&out.mean);
-        }
-        Ok(means)
     }
 
     /// Responsibilities (8), component means (7) and their mix (9). False without support.

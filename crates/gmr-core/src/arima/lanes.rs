@@ -1,0 +1,370 @@
+//! The likelihood of eight models over one series at once, each in a lane of its own.
+//!
+//! The filter of [`super::filter`] waits for one multiply-add per value, whose result the next value needs. Eight
+//! models side by side wait no longer than one, so a gradient by differences costs about as much as a likelihood.
+
+use pulp::{Arch, Simd, WithSimd};
+
+use super::filter::{MAX_STATE, SETTLED, Sums};
+use crate::wide::{Aligned, LANES, Wide};
+
+/// Coefficients of [`LANES`] models of the same orders, padded to the state dimension.
+#[derive(Debug, Clone)]
+pub(super) struct Models {
+    r: usize,
+    /// `phi_1 .. phi_r`.
+    phi: Vec<[f64; LANES]>,
+    /// `theta_1 .. theta_r`, without `theta_0 = 1`.
+    theta: Vec<[f64; LANES]>,
+}
+
+impl Models {
+    pub(super) fn new(p: usize, q: usize) -> Self {
+        let r = p.max(q + 1);
+        Self { r, phi: vec![[0.0; LANES]; r], theta: vec![[0.0; LANES]; r] }
+    }
+
+    pub(super) fn set(&mut self, lane: usize, ar: &[f64], ma: &[f64]) {
+        for (phi, a) in self.phi.iter_mut().zip(ar) {
+            phi[lane] = *a;
+        }
+        for (theta, m) in self.theta.iter_mut().zip(ma) {
+            theta[lane] = *m;
+        }
+    }
+}
+
+/// Square matrices of the filter, allocated once per fit.
+#[derive(Debug)]
+pub(super) struct Work {
+    p: Aligned,
+    a: Aligned,
+    b: Aligned,
+    c: Aligned,
+}
+
+impl Work {
+    pub(super) fn new(models: &Models) -> Self {
+        let [p, a, b, c] = [(); 4].map(|()| Aligned::zeros(models.r * models.r * LANES));
+        Self { p, a, b, c }
+    }
+}
+
+/// Filters a complete series by each model; the arguments as in [`super::filter::filter`].
+pub(super) fn filter(models: &Models, w: &[f64], constant: bool, conditional: bool, work: &mut Work) -> [Sums; LANES] {
+    Arch::new().dispatch(Pass { models, w, constant, conditional, work })
+}
+
+struct Pass<'a> {
+    models: &'a Models,
+    w: &'a [f64],
+    constant: bool,
+    conditional: bool,
+    work: &'a mut Work,
+}
+
+impl WithSimd for Pass<'_> {
+    type Output = [Sums; LANES];
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> [Sums; LANES] {
+        // Registers per number: fixed for a given register width, so only one arm is compiled.
+        match LANES / S::F64_LANES {
+            1 => self.in_registers::<S, 1>(simd),
+            2 => self.in_registers::<S, 2>(simd),
+            4 => self.in_registers::<S, 4>(simd),
+            _ => self.in_registers::<S, LANES>(simd),
+        }
+    }
+}
+
+/// Where a run over the series stands.
+struct State<S: Simd, const P: usize, const R: usize> {
+    /// Prediction of the series, `a_1 .. a_r`.
+    series: [Wide<S, P>; R],
+    /// The same of the constant series 1.
+    one: [Wide<S, P>; R],
+    squares: Wide<S, P>,
+    cross: Wide<S, P>,
+    ones: Wide<S, P>,
+}
+
+/// A product of numbers whose logarithm is wanted, kept from overflowing.
+struct LogProduct<S: Simd, const P: usize> {
+    product: Wide<S, P>,
+    logarithm: [f64; LANES],
+}
+
+impl<S: Simd, const P: usize> LogProduct<S, P> {
+    #[inline(always)]
+    fn multiply(&mut self, simd: S, factor: Wide<S, P>) {
+        self.product = self.product * factor;
+        // A variance is at most 1e131 (twenty-three partial autocorrelations at their limit).
+        if !self.product.all_within(1e150) {
+            self.settle(simd);
+        }
+    }
+
+    #[inline(always)]
+    fn settle(&mut self, simd: S) {
+        let mut product = [0.0; LANES];
+        self.product.store(&mut product);
+        for (l, p) in self.logarithm.iter_mut().zip(product) {
+            *l += p.ln();
+        }
+        self.product = Wide::splat(simd, 1.0);
+    }
+}
+
+impl Pass<'_> {
+    #[inline(always)]
+    fn in_registers<S: Simd, const P: usize>(self, simd: S) -> [Sums; LANES] {
+        match self.models.r {
+            1 => self.run::<S, P, 1>(simd),
+            2 => self.run::<S, P, 2>(simd),
+            3 => self.run::<S, P, 3>(simd),
+            4 => self.run::<S, P, 4>(simd),
+            5 | 6 => self.run::<S, P, 6>(simd),
+            _ => self.run::<S, P, MAX_STATE>(simd),
+        }
+    }
+
+    #[inline(always)]
+    fn run<S: Simd, const P: usize, const R: usize>(self, simd: S) -> [Sums; LANES] {
+        let Self { models, w, constant, conditional, work } = self;
+        let zero = Wide::<S, P>::splat(simd, 0.0);
+        let mut model = Model { r: if R <= 4 { R } else { models.r }, phi: [zero; R], theta: [zero; R] };
+        for i in 0..model.r {
+            model.phi[i] = Wide::load(simd, &models.phi[i]);
+            model.theta[i] = Wide::load(simd, &models.theta[i]);
+        }
+        let mut state = State { series: [zero; R], one: [zero; R], squares: zero, cross: zero, ones: zero };
+        let mut log_f = LogProduct { product: Wide::splat(simd, 1.0), logarithm: [0.0; LANES] };
+        let mut t = 0;
+        if !conditional {
+            model.stationary_covariance(simd, work);
+            t = model.settle(simd, w, constant, work, &mut state, &mut log_f);
+            log_f.settle(simd);
+        }
+        model.steady(simd, &w[t..], constant, &mut state);
+        let [mut ww, mut w1, mut one] = [[0.0; LANES]; 3];
+        state.squares.store(&mut ww);
+        state.cross.store(&mut w1);
+        state.ones.store(&mut one);
+        std::array::from_fn(|l| Sums { n: w.len(), log_f: log_f.logarithm[l], ww: ww[l], w1: w1[l], one: one[l] })
+    }
+}
+
+/// The coefficients in registers.
+struct Model<S: Simd, const P: usize, const R: usize> {
+    r: usize,
+    phi: [Wide<S, P>; R],
+    theta: [Wide<S, P>; R],
+}
+
+impl<S: Simd, const P: usize, const R: usize> Model<S, P, R> {
+    /// `R R'` of the state space: `theta_i theta_j` with `theta_0 = 1`.
+    #[inline(always)]
+    fn noise(&self, simd: S, i: usize, j: usize) -> Wide<S, P> {
+        let theta = |i: usize| if i == 0 { Wide::splat(simd, 1.0) } else { self.theta[i - 1] };
+        theta(i) * theta(j)
+    }
+
+    /// Leaves the stationary covariance in `work.p`; the method of [`super::filter::Arma::stationary_covariance`].
+    #[inline(always)]
+    fn stationary_covariance(&self, simd: S, work: &mut Work) {
+        let r = self.r;
+        let [p, mut a, mut b, c] = [&mut work.p, &mut work.a, &mut work.b, &mut work.c].map(Aligned::lanes_mut);
+        a.fill([0.0; LANES]);
+        for i in 0..r {
+            self.phi[i].store(&mut a[i * r]);
+            if i + 1 < r {
+                a[i * r + i + 1] = [1.0; LANES];
+            }
+            for j in 0..r {
+                self.noise(simd, i, j).store(&mut p[i * r + j]);
+            }
+        }
+        for _ in 0..60 {
+            multiply::<S, P>(simd, a, p, b, r, false);
+            multiply::<S, P>(simd, b, a, c, r, true);
+            let mut small = true;
+            for (p, c) in p.iter_mut().zip(c.iter()) {
+                let (sum, more) = (Wide::<S, P>::load(simd, p), Wide::<S, P>::load(simd, c));
+                small &= within_share(p, c);
+                (sum + more).store(p);
+            }
+            if small {
+                break;
+            }
+            multiply::<S, P>(simd, a, a, b, r, false);
+            std::mem::swap(&mut a, &mut b);
+        }
+    }
+
+    /// Runs until every covariance equals `R R'` to rounding; the number of values taken.
+    #[inline(always)]
+    fn settle(
+        &self,
+        simd: S,
+        w: &[f64],
+        constant: bool,
+        work: &mut Work,
+        state: &mut State<S, P, R>,
+        log_f: &mut LogProduct<S, P>,
+    ) -> usize {
+        let r = self.r;
+        let (zero, unit) = (Wide::<S, P>::splat(simd, 0.0), Wide::<S, P>::splat(simd, 1.0));
+        let [mut p, mut next] = [&mut work.p, &mut work.a].map(Aligned::lanes_mut);
+        for (t, value) in w.iter().enumerate() {
+            let at = |i: usize, j: usize| Wide::<S, P>::load(simd, &p[i * r + j]);
+            let f = at(0, 0);
+            let inverse = unit / f;
+            let mut settled = true;
+            for i in 0..r {
+                let gain = if i + 1 < r { at(i + 1, 0) * inverse } else { zero };
+                for j in 0..=i {
+                    let noise = self.noise(simd, i, j);
+                    settled &= (at(i, j) - noise).all_within(SETTLED);
+                    let shifted = if i + 1 < r { at(i + 1, j + 1) - gain * at(j + 1, 0) } else { zero };
+                    (shifted + noise).store(&mut next[i * r + j]);
+                }
+            }
+            if settled {
+                return t;
+            }
+            let value = Wide::splat(simd, *value);
+            let v = value - state.series[0];
+            let scaled = v * inverse;
+            log_f.multiply(simd, f);
+            state.squares = v.mul_add(scaled, state.squares);
+            let v1 = unit - state.one[0];
+            if constant {
+                state.cross = v1.mul_add(scaled, state.cross);
+                state.ones = v1.mul_add(v1 * inverse, state.ones);
+            }
+            for i in 0..r {
+                let last = i + 1 == r;
+                let gain = if last { zero } else { at(i + 1, 0) * inverse };
+                let ahead = if last { zero } else { state.series[i + 1] };
+                state.series[i] = gain.mul_add(v, self.phi[i].mul_add(value, ahead));
+                if constant {
+                    let ahead = if last { zero } else { state.one[i + 1] };
+                    state.one[i] = gain.mul_add(v1, self.phi[i] + ahead);
+                }
+            }
+            std::mem::swap(&mut p, &mut next);
+        }
+        w.len()
+    }
+
+    /// The plain recursion over the rest of the series: one multiply-add lies between one `a_1` and the next.
+    #[inline(always)]
+    fn steady(&self, simd: S, w: &[f64], constant: bool, state: &mut State<S, P, R>) {
+        let (zero, unit) = (Wide::<S, P>::splat(simd, 0.0), Wide::<S, P>::splat(simd, 1.0));
+        let (mut both, mut minus) = ([zero; R], [zero; R]);
+        for i in 0..self.r {
+            both[i] = self.phi[i] + self.theta[i];
+            minus[i] = zero - self.theta[i];
+        }
+        let (mut s, mut squares) = (state.series, state.squares);
+        if !constant {
+            for value in w {
+                let value = Wide::splat(simd, *value);
+                let (v, first) = (value - s[0], s[0]);
+                squares = v.mul_add(v, squares);
+                for i in 0..R {
+                    let ahead = if i + 1 < R { s[i + 1] } else { zero };
+                    s[i] = minus[i].mul_add(first, both[i].mul_add(value, ahead));
+                }
+            }
+            state.squares = squares;
+            return;
+        }
+        let (mut s1, mut cross, mut ones) = (state.one, state.cross, state.ones);
+        for value in w {
+            let value = Wide::splat(simd, *value);
+            let (v, first) = (value - s[0], s[0]);
+            let (v1, first1) = (unit - s1[0], s1[0]);
+            squares = v.mul_add(v, squares);
+            cross = v.mul_add(v1, cross);
+            ones = v1.mul_add(v1, ones);
+            for i in 0..R {
+                let (ahead, ahead1) = if i + 1 < R { (s[i + 1], s1[i + 1]) } else { (zero, zero) };
+                s[i] = minus[i].mul_add(first, both[i].mul_add(value, ahead));
+                s1[i] = minus[i].mul_add(first1, both[i] + ahead1);
+            }
+        }
+        (state.squares, state.cross, state.ones) = (squares, cross, ones);
+    }
+}
+
+/// Whether each `c` is at most 1e-17 of its `p`.
+#[inline(always)]
+fn within_share(p: &[f64; LANES], c: &[f64; LANES]) -> bool {
+    p.iter().zip(c).fold(true, |all, (p, c)| all & (c.abs() <= 1e-17 * p.abs()))
+}
+
+/// `out = a b` or `a b'`, square.
+#[inline(always)]
+fn multiply<S: Simd, const P: usize>(
+    simd: S,
+    a: &[[f64; LANES]],
+    b: &[[f64; LANES]],
+    out: &mut [[f64; LANES]],
+    r: usize,
+    transpose: bool,
+) {
+    for i in 0..r {
+        for j in 0..r {
+            let mut sum = Wide::<S, P>::splat(simd, 0.0);
+            for k in 0..r {
+                let b = if transpose { &b[j * r + k] } else { &b[k * r + j] };
+                sum = Wide::load(simd, &a[i * r + k]).mul_add(Wide::load(simd, b), sum);
+            }
+            sum.store(&mut out[i * r + j]);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::arima::filter::{self, Arma};
+
+    /// Eight models of the given orders, one of them near a unit root.
+    fn eight(p: usize, q: usize) -> Vec<(Vec<f64>, Vec<f64>)> {
+        let coefficients = |lane: usize, order: usize, turn: f64| {
+            (0..order).map(|i| ((lane * 7 + i * 3) as f64 + turn).sin() * 0.6 / (i + 1) as f64).collect::<Vec<_>>()
+        };
+        let mut all: Vec<_> = (0..LANES).map(|l| (coefficients(l, p, 0.3), coefficients(l, q, 1.7))).collect();
+        if p > 0 {
+            all[3].0.fill(0.0);
+            all[3].0[0] = 0.999_99;
+        }
+        all
+    }
+
+    #[test]
+    fn each_lane_gives_what_the_filter_of_one_model_gives() {
+        let w: Vec<f64> = (0..150).map(|i| (f64::from(i) * 0.9).sin() + 0.3 * (f64::from(i) * 2.3).cos()).collect();
+        for (p, q) in [(0, 0), (1, 0), (0, 1), (2, 1), (3, 2), (1, 3), (5, 2), (2, 5), (8, 1)] {
+            let models = eight(p, q);
+            let mut lanes = Models::new(p, q);
+            for (lane, (ar, ma)) in models.iter().enumerate() {
+                lanes.set(lane, ar, ma);
+            }
+            let mut work = Work::new(&lanes);
+            for (constant, conditional) in [(false, false), (true, false), (false, true), (true, true)] {
+                let all = filter(&lanes, &w, constant, conditional, &mut work);
+                for ((ar, ma), sums) in models.iter().zip(all) {
+                    let arma = Arma::new(ar, ma);
+                    let one = filter::filter(&arma, &w, constant, conditional, &mut filter::Work::new(arma.r));
+                    for (a, b) in [(sums.log_f, one.log_f), (sums.ww, one.ww), (sums.w1, one.w1), (sums.one, one.one)] {
+                        assert!((a - b).abs() <= 1e-9 * b.abs().max(1.0), "{ar:?} {ma:?}: {sums:?} {one:?}");
+                    }
+                }
+            }
+        }
+    }
+}
