@@ -331,18 +331,21 @@ fn multiply<S: Simd, const P: usize>(
 mod tests {
     use super::*;
     use crate::arima::filter::{self, Arma};
+    use crate::arima::polynomial::{invertible, stationary};
 
     /// Eight models of the given orders, one of them near a unit root.
     fn eight(p: usize, q: usize) -> Vec<(Vec<f64>, Vec<f64>)> {
-        let coefficients = |lane: usize, order: usize, turn: f64| {
-            (0..order).map(|i| ((lane * 7 + i * 3) as f64 + turn).sin() * 0.6 / (i + 1) as f64).collect::<Vec<_>>()
+        let numbers = |lane: usize, order: usize, turn: f64| {
+            let near = |i: usize| if lane == 3 && i == 0 { 5.0 } else { ((lane * 7 + i * 3) as f64 + turn).sin() };
+            (0..order).map(near).collect::<Vec<f64>>()
         };
-        let mut all: Vec<_> = (0..LANES).map(|l| (coefficients(l, p, 0.3), coefficients(l, q, 1.7))).collect();
-        if p > 0 {
-            all[3].0.fill(0.0);
-            all[3].0[0] = 0.999_99;
-        }
-        all
+        let model = |lane: usize| {
+            let (mut ar, mut ma) = (vec![0.0; p], vec![0.0; q]);
+            stationary(&numbers(lane, p, 0.3), &mut ar);
+            invertible(&numbers(lane, q, 1.7), &mut ma);
+            (ar, ma)
+        };
+        (0..LANES).map(model).collect()
     }
 
     #[test]
