@@ -3,8 +3,9 @@
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::fit::{ArimaOrder, ArimaParams, ArimaPlan, ArimaReport};
 use super::model::{Arima, check_series};
+use super::params::{ArimaOrder, ArimaParams, ArimaPlan};
+use super::report::ArimaReport;
 use crate::error::{Error, Result};
 
 /// 5 % critical value of the level-stationarity test (Kwiatkowski et al. 1992, table 1).

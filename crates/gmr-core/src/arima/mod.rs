@@ -13,9 +13,14 @@ mod lanes;
 mod model;
 mod objective;
 mod optimise;
+mod params;
 mod polynomial;
+mod report;
 mod starts;
+mod state;
 
 pub use auto::{ArimaCandidate, AutoArima, AutoArimaParams, AutoArimaPlan, kpss};
-pub use fit::{ArimaOrder, ArimaParams, ArimaPlan, ArimaReport, ArimaStart, ArimaStop};
-pub use model::{Arima, ArimaParts, ArimaRun, ArimaState, Forecast, Innovation};
+pub use model::{Arima, ArimaParts, ArimaRun};
+pub use params::{ArimaOrder, ArimaParams, ArimaPlan};
+pub use report::{ArimaReport, ArimaStart, ArimaStop};
+pub use state::{ArimaState, Forecast, Innovation};

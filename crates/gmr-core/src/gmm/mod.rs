@@ -6,6 +6,7 @@
 
 mod em;
 mod factors;
+mod maximise;
 mod mixture;
 mod params;
 mod report;

@@ -17,19 +17,24 @@
 mod blocks;
 mod densities;
 mod expectation;
+mod label_sums;
+mod labels;
 mod moments;
 mod nearest;
 mod norms;
+mod part;
 mod small;
 mod tile;
+mod variance;
 
 use pulp::{Arch, Simd, WithSimd};
 
 pub(crate) use blocks::Blocks;
 pub(crate) use densities::densities;
 pub(crate) use expectation::Components;
-pub(crate) use moments::{Moments, Workspace, label_moments, log_likelihood, moments};
-pub(crate) use nearest::LabelLanes;
+pub(crate) use label_sums::LabelLanes;
+pub(crate) use labels::label_moments;
+pub(crate) use moments::{Moments, Workspace, log_likelihood, moments};
 
 use crate::scalar::ln_positive;
 use crate::wide::LANES;
