@@ -56,6 +56,7 @@ pub(crate) struct Wide<S: Simd, const P: usize> {
     registers: [S::f64s; P],
 }
 
+#[expect(clippy::needless_range_loop, reason = "one index for several arrays, constant bounds")]
 impl<S: Simd, const P: usize> Wide<S, P> {
     #[inline(always)]
     pub(crate) fn splat(simd: S, value: f64) -> Self {

@@ -75,6 +75,7 @@ impl Whiten<'_> {
 
 /// Leaves `L` in `a` and the reciprocals of its diagonal on that of `w`.
 #[inline(always)]
+#[expect(clippy::needless_range_loop, reason = "indices of matrices")]
 fn factor<S: Simd, const P: usize>(simd: S, a: &mut Matrices, d: usize, w: &mut Matrices) -> bool {
     let unit = Wide::<S, P>::splat(simd, 1.0);
     for j in 0..d.min(MOST) {
@@ -101,6 +102,7 @@ fn factor<S: Simd, const P: usize>(simd: S, a: &mut Matrices, d: usize, w: &mut 
 
 /// The rest of `L^-1` below the diagonal of `w`.
 #[inline(always)]
+#[expect(clippy::needless_range_loop, reason = "indices of matrices")]
 fn invert<S: Simd, const P: usize>(simd: S, l: &Matrices, d: usize, w: &mut Matrices) {
     let zero = Wide::<S, P>::splat(simd, 0.0);
     for i in 1..d.min(MOST) {

@@ -65,11 +65,25 @@ pub(super) fn expectation<S: Simd>(
         *m = if *m == f64::NEG_INFINITY { 0.0 } else { *m };
     }
     let Row(mut sum) = Row([0.0; BLOCK]);
-    for (joint, active) in joint.as_chunks_mut::<BLOCK>().0.iter_mut().zip(active.iter_mut()) {
-        for (q, m) in joint[..lanes].iter_mut().zip(&peak[..lanes]) {
-            *q = exp_above(-NEGLIGIBLE, *q - *m);
+    let Row(mut packed) = Row([0.0; BLOCK]);
+    let count = (lanes / LANES).min(GROUPS);
+    for (joint, active) in groups_mut(joint).iter_mut().zip(active.iter_mut()) {
+        // The groups that matter, side by side, without a branch on each: none could be predicted.
+        let (listed, list) = pack(simd, joint, &groups(peak)[0], count, &mut groups_mut(&mut packed)[0]);
+        for e in &mut packed[..listed * LANES] {
+            *e = exp_above(-NEGLIGIBLE, *e);
         }
-        *active = add_up(simd, &groups(joint)[0], &mut groups_mut(&mut sum)[0], lanes / LANES);
+        joint.fill([0.0; LANES]);
+        *active = 0;
+        for (values, g) in groups(&packed)[0].iter().zip(&list).take(listed) {
+            let g = usize::from(*g) % GROUPS;
+            joint[g] = *values;
+            for part in 0..LANES / S::F64_LANES {
+                let sum = &mut S::as_mut_simd_f64s(&mut groups_mut(&mut sum)[0][g]).0[part];
+                *sum = simd.add_f64s(*sum, S::as_simd_f64s(values).0[part]);
+            }
+            *active |= 1 << g;
+        }
     }
     for ((d, s), m) in density[..lanes].iter_mut().zip(&sum).zip(&*peak) {
         *d = if *s > 0.0 { m + ln_positive(*s) } else { f64::NEG_INFINITY };
@@ -77,27 +91,36 @@ pub(super) fn expectation<S: Simd>(
     for (s, w) in sum.iter_mut().zip(weights) {
         *s = if *s > 0.0 { w / *s } else { 0.0 };
     }
-    for joint in joint.chunks_exact_mut(BLOCK) {
-        for (q, s) in joint[..lanes].iter_mut().zip(&sum) {
-            *q *= s;
+    for (joint, active) in groups_mut(joint).iter_mut().zip(active.iter()) {
+        let mut rest = *active;
+        while rest != 0 {
+            let g = rest.trailing_zeros() as usize % GROUPS;
+            rest &= rest - 1;
+            for part in 0..LANES / S::F64_LANES {
+                let scale = S::as_simd_f64s(&groups(&sum)[0][g]).0[part];
+                let value = &mut S::as_mut_simd_f64s(&mut joint[g]).0[part];
+                *value = simd.mul_f64s(*value, scale);
+            }
         }
     }
 }
 
-/// Adds `count` groups to the sums, and tells which of them hold anything, one bit each.
+/// Writes how far the first `count` groups lie below the peaks, one after the other, those left out in which all samples are
+/// negligible; returns how many there are, and which.
 #[inline(always)]
-fn add_up<S: Simd>(simd: S, values: &Groups, sums: &mut Groups, count: usize) -> u32 {
-    let zero = simd.splat_f64s(0.0);
-    let mut active = 0;
-    for g in 0..count.min(GROUPS) {
+fn pack<S: Simd>(simd: S, joint: &Groups, peaks: &Groups, count: usize, packed: &mut Groups) -> (usize, [u8; GROUPS]) {
+    let bar = simd.splat_f64s(-NEGLIGIBLE);
+    let (mut listed, mut list) = (0, [0; GROUPS]);
+    for g in 0..count {
         let mut any = false;
+        let at = listed % GROUPS;
         for part in 0..LANES / S::F64_LANES {
-            let value = S::as_simd_f64s(&values[g]).0[part];
-            let sum = &mut S::as_mut_simd_f64s(&mut sums[g]).0[part];
-            *sum = simd.add_f64s(*sum, value);
-            any |= simd.first_true_m64s(simd.greater_than_f64s(value, zero)) < S::F64_LANES;
+            let below = simd.sub_f64s(S::as_simd_f64s(&joint[g]).0[part], S::as_simd_f64s(&peaks[g]).0[part]);
+            S::as_mut_simd_f64s(&mut packed[at]).0[part] = below;
+            any |= simd.first_true_m64s(simd.greater_than_f64s(below, bar)) < S::F64_LANES;
         }
-        active |= u32::from(any) << g;
+        list[at] = g as u8;
+        listed += usize::from(any);
     }
-    active
+    (listed, list)
 }

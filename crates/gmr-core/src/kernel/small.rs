@@ -36,6 +36,7 @@ impl<const D: usize, const C: usize, const H: usize> WithSimd for Small<'_, D, C
 impl<const D: usize, const C: usize, const H: usize> Small<'_, D, C, H> {
     /// Rows `FIRST .. FIRST + ROWS`. All loops have constant bounds, so that they unroll and `t` lives in registers.
     #[inline(always)]
+    #[expect(clippy::needless_range_loop, reason = "constant bounds, indices of a matrix")]
     fn add<S: Simd, const FIRST: usize, const ROWS: usize>(&mut self, simd: S) {
         let (zero, unit) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0));
         let mut centre = [zero; D];

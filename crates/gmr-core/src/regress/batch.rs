@@ -167,9 +167,9 @@ impl Regressor {
                 let difference = Wide::load(simd, &work.x[i]) - centre;
                 difference.store(&mut z[i]);
                 let mut y = zero;
-                for j in 0..=i {
+                for (j, z) in z[..=i].iter().enumerate() {
                     let w = self.whitening[(i * (i + 1) / 2 + j) * padded + c];
-                    y = Wide::splat(simd, w).mul_add(Wide::load(simd, &z[j]), y);
+                    y = Wide::splat(simd, w).mul_add(Wide::load(simd, z), y);
                 }
                 norm = y.mul_add(y, norm);
             }
@@ -179,7 +179,7 @@ impl Regressor {
         }
         let mut peaks = [0.0; LANES];
         peak.store(&mut peaks);
-        if !peaks.iter().fold(true, |all, p| all & (*p > f64::NEG_INFINITY)) {
+        if !peaks.iter().all(|p| *p > f64::NEG_INFINITY) {
             return false;
         }
         for b in &mut *work.b {
@@ -265,7 +265,7 @@ mod tests {
     use crate::{CovarianceKind, Error, Mixture, MixtureParts, Regressor, Samples};
 
     fn mixture(dim: usize, k: usize) -> Mixture {
-        let entry = |c: usize, i: usize| if i % (dim + 1) == 0 { 1.0 + c as f64 * 0.1 } else { 0.02 * c as f64 };
+        let entry = |c: usize, i: usize| if i.is_multiple_of(dim + 1) { 1.0 + c as f64 * 0.1 } else { 0.02 * c as f64 };
         Mixture::new(MixtureParts {
             kind: CovarianceKind::Full,
             dim,

@@ -168,7 +168,11 @@ mod tests {
     /// Eight models of the given orders, one of them near a unit root.
     fn eight(p: usize, q: usize) -> Vec<(Vec<f64>, Vec<f64>)> {
         let numbers = |lane: usize, order: usize, turn: f64| {
-            let near = |i: usize| if lane == 3 && i == 0 { 5.0 } else { ((lane * 7 + i * 3) as f64 + turn).sin() };
+            let near = |i: usize| match (lane, i) {
+                (3, 0) => 4.0,
+                (3, _) => 0.0,
+                _ => 0.6 * ((lane * 7 + i * 3) as f64 + turn).sin(),
+            };
             (0..order).map(near).collect::<Vec<f64>>()
         };
         let model = |lane: usize| {
