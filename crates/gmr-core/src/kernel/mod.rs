@@ -14,6 +14,32 @@
 //! of [`CHUNK_BLOCKS`] blocks are independent, and their results are added in order: the bytes do
 //! not depend on the instruction set or on the number of threads.
 
+/// Calls `$this.of::<S, D, P>(simd)` for up to eight features, with registers per group `P` fixed by the register width,
+/// or `$this.of_any_dimension(simd)`.
+macro_rules! by_dimension {
+    ($this:ident, $simd:ident, $dim:expr) => {
+        match $dim {
+            1 => by_dimension!($this, $simd, of 1),
+            2 => by_dimension!($this, $simd, of 2),
+            3 => by_dimension!($this, $simd, of 3),
+            4 => by_dimension!($this, $simd, of 4),
+            5 => by_dimension!($this, $simd, of 5),
+            6 => by_dimension!($this, $simd, of 6),
+            7 => by_dimension!($this, $simd, of 7),
+            8 => by_dimension!($this, $simd, of 8),
+            _ => $this.of_any_dimension($simd),
+        }
+    };
+    ($this:ident, $simd:ident, of $d:literal) => {
+        match LANES / S::F64_LANES {
+            1 => $this.of::<S, $d, 1>($simd),
+            2 => $this.of::<S, $d, 2>($simd),
+            4 => $this.of::<S, $d, 4>($simd),
+            _ => $this.of::<S, $d, LANES>($simd),
+        }
+    };
+}
+
 mod blocks;
 mod densities;
 mod expectation;

@@ -19,32 +19,6 @@ impl Blocks {
     }
 }
 
-/// Calls `$this.of::<S, D, P>(simd)` for up to eight features, with registers per group `P` fixed by the register width,
-/// or `$this.of_any_dimension(simd)`.
-macro_rules! by_dimension {
-    ($this:ident, $simd:ident, $dim:expr) => {
-        match $dim {
-            1 => by_dimension!($this, $simd, of 1),
-            2 => by_dimension!($this, $simd, of 2),
-            3 => by_dimension!($this, $simd, of 3),
-            4 => by_dimension!($this, $simd, of 4),
-            5 => by_dimension!($this, $simd, of 5),
-            6 => by_dimension!($this, $simd, of 6),
-            7 => by_dimension!($this, $simd, of 7),
-            8 => by_dimension!($this, $simd, of 8),
-            _ => $this.of_any_dimension($simd),
-        }
-    };
-    ($this:ident, $simd:ident, of $d:literal) => {
-        match LANES / S::F64_LANES {
-            1 => $this.of::<S, $d, 1>($simd),
-            2 => $this.of::<S, $d, 2>($simd),
-            4 => $this.of::<S, $d, 4>($simd),
-            _ => $this.of::<S, $d, LANES>($simd),
-        }
-    };
-}
-
 /// The smaller of `distances` and the squared distance to one centre.
 struct Closer<'a> {
     blocks: &'a Blocks,
