@@ -1,6 +1,6 @@
 //! Answers of a regression.
 
-/// Result and working space of a query; made once by [`Regressor::prediction`], then reused.
+/// Result and working space of a query; made once by [`Regressor::prediction`](crate::Regressor::prediction), then reused.
 ///
 /// ```
 /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Regressor, Samples};
@@ -82,7 +82,7 @@ impl Prediction {
     }
 
     /// `dm/dx`, `(d_o, d_i)` row-major; with time as the only input, the velocity of the mean.
-    /// Zero until [`Regressor::predict_with_jacobian_into`] has filled it.
+    /// Zero until [`predict_with_jacobian_into`](crate::Regressor::predict_with_jacobian_into) has filled it.
     ///
     /// ```
     /// # use gmr_core::{CovarianceKind, Mixture, MixtureParts, Regressor, Samples};

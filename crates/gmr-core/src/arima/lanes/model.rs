@@ -21,7 +21,7 @@ impl<S: Simd, const P: usize, const R: usize> Model<S, P, R> {
         theta(i) * theta(j)
     }
 
-    /// Leaves the stationary covariance in `work.p`; the method of [`super::filter::Arma::stationary_covariance`].
+    /// Leaves the stationary covariance in `work.p`; the method of [`crate::arima::filter::Arma::stationary_covariance`].
     #[inline(always)]
     pub(super) fn stationary_covariance(&self, simd: S, work: &mut Work) {
         let r = self.r;
