@@ -27,7 +27,6 @@
 //! `(batch, channel, row, column)`. A batch is spread over the threads of rayon. Gaussians are cut off where they fall
 //! below 1e-7, which is what makes this fast; everything else is exact.
 
-use pulp::Arch;
 use rayon::prelude::*;
 
 use crate::{Error, Result};
@@ -185,7 +184,6 @@ impl TargetPlan {
     fn draw(&self, labels: &Labels<'_>, teacher: Option<(&[f32], &[f32], f32)>, maps: &mut Maps) {
         let (rows, columns) = self.map_size();
         let (pcm, paf) = self.lengths();
-        let arch = Arch::new();
         for (map, length) in
             [(&mut maps.pcm, pcm), (&mut maps.paf, paf), (&mut maps.pcm_mask, pcm), (&mut maps.paf_mask, paf)]
         {
@@ -211,7 +209,8 @@ impl TargetPlan {
                         (&t_pcm[i * pcm.len()..(i + 1) * pcm.len()], &t_paf[i * paf.len()..(i + 1) * paf.len()], floor)
                     }),
                 };
-                arch.dispatch(draw::Draw { sample, pcm, pcm_mask, paf, paf_mask });
+                sample.parts(pcm, pcm_mask);
+                sample.fields(paf, paf_mask);
             });
     }
 
@@ -246,9 +245,12 @@ impl TargetPlan {
         let own = labels.pcm.par_chunks_exact_mut(pcm).zip(labels.pcm_mask.par_chunks_exact_mut(pcm));
         let fields = labels.paf.par_chunks_exact_mut(paf).zip(labels.paf_mask.par_chunks_exact_mut(paf));
         let teacher = teacher_pcm.par_chunks_exact(pcm).zip(teacher_paf.par_chunks_exact(paf));
-        let arch = Arch::new();
-        own.zip(fields).zip(teacher).for_each(|(((pcm, pcm_mask), (paf, paf_mask)), (teacher_pcm, teacher_paf))| {
-            arch.dispatch(fuse::Fuse { pcm, pcm_mask, paf, paf_mask, teacher_pcm, teacher_paf, cells, floor });
+        own.zip(fields).zip(teacher).for_each(|(((pcm, pcm_mask), (paf, paf_mask)), (t_pcm, t_paf))| {
+            fuse::parts(pcm, pcm_mask, t_pcm, cells, floor);
+            let fields = paf.chunks_exact_mut(2 * cells).zip(paf_mask.chunks_exact_mut(2 * cells));
+            for ((own, mask), teacher) in fields.zip(t_paf.chunks_exact(2 * cells)) {
+                fuse::field(own, mask, teacher, floor);
+            }
         });
         Ok(())
     }
