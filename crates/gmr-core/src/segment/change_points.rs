@@ -52,7 +52,8 @@ pub struct ChangePointParams {
 /// ```
 ///
 /// # Errors
-/// A `sigma` or penalty that is not positive, or fewer samples than one element needs.
+/// A `sigma` or penalty that is not positive, fewer samples than one element needs, or residuals whose squares over
+/// `sigma^2` are no numbers.
 pub fn segment_change_points(trajectory: &Trajectory, params: &ChangePointParams) -> Result<Vec<MotionElement>> {
     let (n, d) = (trajectory.len(), trajectory.dim());
     let penalty = params.penalty.unwrap_or((2.0 * d as f64 + 1.0) * (n as f64).ln());
@@ -69,6 +70,9 @@ pub fn segment_change_points(trajectory: &Trajectory, params: &ChangePointParams
     }
     let sums = LineSums::new(trajectory);
     let precision = 1.0 / (params.sigma * params.sigma);
+    if !precision.is_finite() {
+        return Err(Error::InvalidParameter { name: "sigma", allowed: "above 1e-154", value: params.sigma });
+    }
     let mut best = vec![f64::INFINITY; n + 1];
     let mut last = vec![0; n + 1];
     best[0] = -penalty;
@@ -90,6 +94,10 @@ pub fn segment_change_points(trajectory: &Trajectory, params: &ChangePointParams
         if opening >= params.shortest {
             alive.push(opening);
         }
+    }
+    if !best[n].is_finite() {
+        let what = "squared residuals in units of sigma";
+        return Err(Error::OutOfRange { what, index: 0, value: best[n], limit: f64::MAX });
     }
     let mut cuts = Vec::new();
     let mut to = n;

@@ -94,13 +94,18 @@ impl MotionElement {
 /// ```
 ///
 /// # Errors
-/// A period that is not positive and finite, or a trajectory of one sample.
+/// A period that is not positive and finite, a trajectory of one sample, or more elements than intervals between
+/// samples.
 pub fn segment_fixed(trajectory: &Trajectory, period_s: f64) -> Result<Vec<MotionElement>> {
     if !(period_s > 0.0 && period_s.is_finite()) {
         return Err(Error::InvalidParameter { name: "period_s", allowed: "(0, inf)", value: period_s });
     }
     let (start, end) = ends(trajectory)?;
     let count = (((end - start) / period_s + 0.5).floor() as usize).max(1);
+    if count >= trajectory.len() {
+        let needed = count.saturating_add(1);
+        return Err(Error::TooFewSamples { what: "segmentation by fixed period", needed, got: trajectory.len() });
+    }
     let mut cuts: Vec<f64> = (1..count).map(|i| (i as f64).mul_add(period_s, start)).collect();
     cuts.push(end);
     Ok(elements_between(start, &cuts))
