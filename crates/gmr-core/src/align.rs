@@ -65,7 +65,7 @@ pub struct Alignment {
 /// ```
 ///
 /// # Errors
-/// Different dimensions, or a band or weight outside its interval.
+/// Different dimensions, a band or weight outside its interval, or weights so large that distances overflow.
 pub fn dtw(a: &Trajectory, b: &Trajectory, params: &DtwParams) -> Result<Alignment> {
     check_len("demonstration dimension", a.dim(), b.dim())?;
     if !(params.band > 0.0 && params.band <= 1.0) {
@@ -122,6 +122,10 @@ pub fn dtw(a: &Trajectory, b: &Trajectory, params: &DtwParams) -> Result<Alignme
         std::mem::swap(&mut previous, &mut current);
     }
     let cost = previous[m - 1];
+    if !cost.is_finite() {
+        let what = "weighted squared distances along the path";
+        return Err(Error::OutOfRange { what, index: 0, value: cost, limit: f64::MAX });
+    }
     let mut path = vec![(n - 1, m - 1)];
     let (mut i, mut j) = (n - 1, m - 1);
     while (i, j) != (0, 0) {
