@@ -145,7 +145,7 @@ impl Trajectory {
         &self.parts.values
     }
 
-    /// One row.
+    /// One row, `(d)`.
     ///
     /// ```
     /// # fn main() -> Result<(), gmr_core::Error> {
@@ -219,7 +219,7 @@ impl Trajectory {
         Self::new(self.parts.times_s.clone(), values, columns.len())
     }
 
-    /// One column.
+    /// One column, `(n)`. Panics, as [`Self::row`] does, when there is no such.
     ///
     /// ```
     /// # fn main() -> Result<(), gmr_core::Error> {
@@ -229,7 +229,7 @@ impl Trajectory {
     /// # }
     /// ```
     pub fn column(&self, column: usize) -> Vec<f64> {
-        self.parts.values.iter().skip(column).step_by(self.parts.dim).copied().collect()
+        self.parts.values.chunks_exact(self.parts.dim).map(|row| row[column]).collect()
     }
 
     /// Linear interpolation at `time_s`, clamped to the ends, into `out: (d)`.
@@ -238,23 +238,31 @@ impl Trajectory {
     /// # fn main() -> Result<(), gmr_core::Error> {
     /// let line = gmr_core::Trajectory::new(vec![0.0, 1.0], vec![2.0, 4.0], 1)?;
     /// let mut out = [0.0];
-    /// line.interpolate_into(0.25, &mut out);
+    /// line.interpolate_into(0.25, &mut out)?;
     /// assert!((out[0] - 2.5).abs() < 1e-15);
     /// # Ok(())
     /// # }
     /// ```
-    pub fn interpolate_into(&self, time_s: f64, out: &mut [f64]) {
+    ///
+    /// # Errors
+    /// A time that is not finite, or an `out` of another length.
+    pub fn interpolate_into(&self, time_s: f64, out: &mut [f64]) -> Result<()> {
+        check_len("interpolated row", self.dim(), out.len())?;
+        if !time_s.is_finite() {
+            return Err(Error::NotFinite { what: "time_s", index: 0, value: time_s });
+        }
         let times = self.times_s();
         let after = times.partition_point(|&t| t <= time_s);
         if after == 0 || after == times.len() {
             let row = if after == 0 { 0 } else { after - 1 };
             out.copy_from_slice(self.row(row));
-            return;
+            return Ok(());
         }
         let share = (time_s - times[after - 1]) / (times[after] - times[after - 1]);
         for ((o, a), b) in out.iter_mut().zip(self.row(after - 1)).zip(self.row(after)) {
             *o = share.mul_add(b - a, *a);
         }
+        Ok(())
     }
 
     /// Speed (norm of the central difference, one-sided at the ends) of each sample, `(n)`.
