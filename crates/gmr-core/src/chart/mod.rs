@@ -38,7 +38,8 @@ pub enum CoordinateKind {
     Linear,
     /// One column in radians on a circle.
     Angle,
-    /// Four columns `(w, x, y, z)`: a unit quaternion; three columns in the chart.
+    /// Four columns `(w, x, y, z)`: a unit quaternion of either sign, used with length one when it is within 0.001 of
+    /// it; three columns in the chart.
     Rotation,
 }
 
@@ -71,7 +72,7 @@ pub enum Coordinate {
     },
 }
 
-/// The flat coordinates of a set of demonstrations.
+/// The flat coordinates of a set of demonstrations. Checked again when read back.
 ///
 /// ```
 /// use gmr_core::{Chart, CoordinateKind, Trajectory};
@@ -88,8 +89,24 @@ pub enum Coordinate {
 /// # }
 /// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "Unchecked")]
 pub struct Chart {
     coordinates: Vec<Coordinate>,
+}
+
+/// A chart as a file holds it.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Unchecked {
+    coordinates: Vec<Coordinate>,
+}
+
+impl TryFrom<Unchecked> for Chart {
+    type Error = Error;
+
+    fn try_from(file: Unchecked) -> Result<Self> {
+        Self::new(file.coordinates)
+    }
 }
 
 impl CoordinateKind {
