@@ -216,8 +216,39 @@ mod tests {
     fn indefinite_and_nan_matrices_are_refused_with_the_pivot() {
         let mut a = [1.0, 2.0, 2.0, 1.0];
         assert_eq!(cholesky(&mut a, 2), Err(BadPivot { row: 1, value: -3.0 }));
-        let mut b = [f64::NAN];
-        assert_eq!(cholesky(&mut b, 1).unwrap_err().row, 0);
+        // Neither a number, nor one, nor one with all its digits.
+        for pivot in [f64::NAN, f64::INFINITY, 0.0, 1e-310] {
+            assert_eq!(cholesky(&mut [1.0, 0.0, 0.0, pivot], 2).unwrap_err().row, 1, "{pivot}");
+        }
+        assert!(cholesky(&mut [f64::MIN_POSITIVE], 1).is_ok());
+    }
+
+    #[test]
+    fn eigenvalues_and_vectors_give_the_matrix_back() {
+        let wave = |i: usize| (i as f64 * 1.7).sin();
+        let mut cases: Vec<(usize, Vec<f64>)> =
+            (2..9).map(|d| (d, (0..d * d).map(|i| wave(i + d)).collect())).collect();
+        // Equal diagonals with zeros beside them, and magnitudes far apart.
+        cases.push((3, vec![2.0, 0.0, 1.0, 0.0, 2.0, 0.0, 1.0, 0.0, 2.0]));
+        cases.push((3, vec![1e12, 1e3, 1.0, 1e3, 1.0, 1e-3, 1.0, 1e-3, 1e-6]));
+        for (d, mut a) in cases {
+            for i in 0..d {
+                for j in 0..i {
+                    a[j * d + i] = a[i * d + j];
+                }
+            }
+            let (mut work, mut v) = (a.clone(), vec![0.0; d * d]);
+            let values = symmetric_eigen(&mut work, d, &mut v);
+            let scale = values.iter().fold(0.0f64, |m, l| m.max(l.abs()));
+            for i in 0..d {
+                for j in 0..d {
+                    let back: f64 = (0..d).map(|k| v[i * d + k] * values[k] * v[j * d + k]).sum();
+                    assert!((back - a[i * d + j]).abs() < 1e-14 * d as f64 * scale, "{d}: {back} {}", a[i * d + j]);
+                    let dot: f64 = (0..d).map(|k| v[k * d + i] * v[k * d + j]).sum();
+                    assert!((dot - f64::from(u8::from(i == j))).abs() < 1e-14 * d as f64, "{d}: {dot}");
+                }
+            }
+        }
     }
 
     #[test]
@@ -228,5 +259,9 @@ mod tests {
         assert!((smallest + 1.0).abs() < 1e-14);
         assert!((a[0] - 1.75).abs() < 1e-14 && (a[1] - 1.25).abs() < 1e-14);
         assert_eq!(clip_eigenvalues(&mut a, 2, 0.25), None);
+        // Positive definite already, but below the floor: eigenvalues 0.1, 0.2 and 3.
+        let mut c = [0.2, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 3.0];
+        assert!((clip_eigenvalues(&mut c, 3, 0.15).unwrap() - 0.1).abs() < 1e-15);
+        assert!((c[0] - 0.2).abs() < 1e-15 && (c[4] - 0.15).abs() < 1e-15 && (c[8] - 3.0).abs() < 1e-14);
     }
 }

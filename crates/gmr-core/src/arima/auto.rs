@@ -133,7 +133,8 @@ impl AutoArimaParams {
 
 impl AutoArimaPlan {
     /// Chooses `d` by repeated KPSS tests and `(p, q, constant)` by the lowest AICc over the whole
-    /// grid, in parallel. A constant is tried for `d <= 1`.
+    /// grid, in parallel. A constant is tried for `d <= 1`. The tests see the observed values one after another, as if
+    /// there were no gaps; the fits see the gaps.
     ///
     /// ```
     /// # use gmr_core::AutoArimaParams;

@@ -178,6 +178,19 @@ fn update(h: &mut [f64], s: &[f64], y: &[f64], sy: f64) {
 mod tests {
     use super::*;
 
+    fn one_by_one(
+        start: &[f64],
+        max_iterations: usize,
+        tolerance: f64,
+        mut f: impl FnMut(&[f64]) -> f64,
+    ) -> Minimum {
+        minimise(start, max_iterations, tolerance, 8, |points, values| {
+            for (x, value) in points.chunks_exact(start.len()).zip(values) {
+                *value = f(x);
+            }
+        })
+    }
+
     #[test]
     fn finds_the_minimum_of_the_rosenbrock_valley() {
         for at_once in [1, 8] {
@@ -187,6 +200,36 @@ mod tests {
                 }
             });
             assert!((minimum.x[0] - 1.0).abs() < 1e-5 && (minimum.x[1] - 1.0).abs() < 1e-5, "{minimum:?}");
+            assert!(minimum.gradient < 1e-6 && minimum.iterations < 100, "{minimum:?}");
         }
+    }
+
+    #[test]
+    fn the_limit_the_tolerance_and_an_infinite_start_end_the_search() {
+        let bowl = |x: &[f64]| x.iter().enumerate().map(|(i, v)| (i as f64 + 1.0) * (v - 2.0).powi(4)).sum::<f64>();
+        let cut = one_by_one(&[9.0, -9.0], 3, 1e-12, bowl);
+        assert!(cut.iterations == 3 && cut.gradient > 1e-12, "{cut:?}");
+        // A loose tolerance stops sooner, at a gradient within it.
+        let (loose, tight) = (one_by_one(&[9.0, -9.0], 500, 1.0, bowl), one_by_one(&[9.0, -9.0], 500, 1e-9, bowl));
+        assert!(loose.gradient <= 1.0 && loose.iterations < tight.iterations, "{loose:?} {tight:?}");
+        assert!(tight.value < 1e-9 && tight.value <= loose.value, "{tight:?}");
+        assert_eq!(one_by_one(&[9.0], 500, 1e-9, |_| f64::INFINITY).iterations, 0);
+    }
+
+    #[test]
+    fn walls_and_ridges_are_gone_around_and_no_step_climbs() {
+        // Infinite beyond 3, a kink at 1, and steep on one side: the best value seen is the one returned.
+        let mut seen = f64::INFINITY;
+        let found = one_by_one(&[-2.0], 200, 1e-9, |x| {
+            let value = if x[0] > 3.0 { f64::INFINITY } else { (x[0] - 1.0).abs() + (0.1 * x[0]).exp() };
+            seen = seen.min(value);
+            value
+        });
+        assert!((found.x[0] - 1.0).abs() < 1e-3, "{found:?}");
+        // Central differences look beside the point, never farther below it than a step of theirs.
+        assert!(found.value - seen < 1e-5, "{found:?} {seen}");
+        // A saddle to begin with: curvature is negative there.
+        let saddle = one_by_one(&[0.1, 0.1], 300, 1e-8, |x| x[0].powi(4) - 2.0 * x[0] * x[0] + x[1] * x[1]);
+        assert!((saddle.x[0].abs() - 1.0).abs() < 1e-4 && saddle.x[1].abs() < 1e-4, "{saddle:?}");
     }
 }

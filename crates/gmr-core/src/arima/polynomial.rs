@@ -108,7 +108,37 @@ mod tests {
 
     #[test]
     fn explosive_coefficients_are_not_stationary_but_have_a_start_nearby() {
-        assert_eq!(partial_autocorrelations(&[1.2]), None);
+        for outside in [&[1.2][..], &[-1.2], &[1.0], &[-1.0], &[f64::NAN], &[0.5, 0.6], &[0.1, f64::NAN]] {
+            assert_eq!(partial_autocorrelations(outside), None, "{outside:?}");
+        }
         assert!(unconstrained_near(&[1.2], false)[0] > 1.0);
+        // A start stays away from the border, where the likelihood is flat; what no shrinking mends begins in the middle.
+        for near in [[0.999, 0.0], [1.9, -0.95], [40.0, -900.0]] {
+            let x = unconstrained_near(&near, false);
+            assert!(x.iter().all(|x| x.tanh().abs() < 0.98), "{near:?}: {x:?}");
+        }
+        assert_eq!(unconstrained_near(&[f64::NAN, 0.3], false), [0.0, 0.0]);
+        // Inside, the coefficients come back, each polynomial with its own sign.
+        let (mut ar, mut ma) = ([0.0; 3], [0.0; 3]);
+        stationary(&unconstrained_near(&[0.5, -0.3, 0.2], false), &mut ar);
+        invertible(&unconstrained_near(&[0.4, 0.2, -0.1], true), &mut ma);
+        for (found, expected) in ar.iter().zip([0.5, -0.3, 0.2]).chain(ma.iter().zip([0.4, 0.2, -0.1])) {
+            assert!((found - expected).abs() < 1e-5, "{found} is not {expected}");
+        }
+    }
+
+    #[test]
+    fn no_number_reaches_the_border_and_every_order_comes_back() {
+        for n in 1..8 {
+            let x: Vec<f64> = (0..n).map(|i| 1.5 * (i as f64 * 2.1 + 0.4).sin()).collect();
+            let mut phi = vec![0.0; n];
+            stationary(&x, &mut phi);
+            for (x, r) in x.iter().zip(partial_autocorrelations(&phi).unwrap()) {
+                assert!((x.tanh() * LARGEST - r).abs() < 1e-11, "{n}");
+            }
+        }
+        let mut phi = [0.0];
+        stationary(&[1e9], &mut phi);
+        assert!(phi[0] < 1.0 && phi[0] > 1.0 - 1.1e-6);
     }
 }
