@@ -25,7 +25,6 @@ impl Chart {
     /// # Errors
     /// Columns that do not match, or quaternions not of length one.
     pub fn encode(&self, demonstration: &Trajectory) -> Result<Trajectory> {
-        check_len("chart columns", self.columns(), demonstration.dim())?;
         let flat = self.flat_columns();
         let mut values = Vec::with_capacity(demonstration.len() * flat);
         for i in 0..demonstration.len() {

@@ -129,20 +129,18 @@ impl Chart {
     ///
     /// # Errors
     /// No coordinate, a centre that is not finite, or a quaternion that is not of length one.
-    pub fn new(coordinates: Vec<Coordinate>) -> Result<Self> {
+    pub fn new(mut coordinates: Vec<Coordinate>) -> Result<Self> {
         if coordinates.is_empty() {
             return Err(Error::TooFewSamples { what: "chart coordinates", needed: 1, got: 0 });
         }
-        for coordinate in &coordinates {
+        for coordinate in &mut coordinates {
             match coordinate {
                 Coordinate::Linear => {}
                 Coordinate::Angle { centre_rad } if centre_rad.is_finite() => {}
                 Coordinate::Angle { centre_rad } => {
                     return Err(Error::NotFinite { what: "chart centre", index: 0, value: *centre_rad });
                 }
-                Coordinate::Rotation { centre } => {
-                    unit(centre)?;
-                }
+                Coordinate::Rotation { centre } => *centre = unit(centre)?,
             }
         }
         Ok(Self { coordinates })

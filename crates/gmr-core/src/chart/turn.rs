@@ -79,6 +79,8 @@ pub(super) fn unit(q: &[f64]) -> Result<[f64; 4]> {
     if !((length - 1.0).abs() <= 1e-3) {
         return Err(Error::InvalidParameter { name: "quaternion length", allowed: "1 within 0.001", value: length });
     }
+    // What has length one to rounding keeps its bits, so that a stored centre comes back as it was.
+    let length = if (length - 1.0).abs() <= 4.0 * f64::EPSILON { 1.0 } else { length };
     Ok(std::array::from_fn(|i| q[i] / length))
 }
 
@@ -92,9 +94,7 @@ pub(super) fn mean_rotation(all: &[[f64; 4]]) -> [f64; 4] {
                 *s += v / all.len() as f64;
             }
         }
-        let next = multiply(mean, exponential(step));
-        let length = next.iter().map(|v| v * v).sum::<f64>().sqrt();
-        mean = next.map(|v| v / length);
+        mean = multiply(mean, exponential(step));
         if step.iter().all(|s| s.abs() < 1e-14) {
             break;
         }
