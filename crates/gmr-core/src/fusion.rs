@@ -211,20 +211,15 @@ impl<'a> Fusion<'a> {
 /// ```
 pub fn mutual_support(reliability: &[f64]) -> Vec<f64> {
     let n = reliability.len();
-    if n < 2 {
-        return vec![1.0; n];
-    }
+    // The 1 / (n - 1) of (12) cancels in (13).
     let support: Vec<f64> = (0..n)
-        .map(|i| {
-            let sum: f64 = (0..n).filter(|&j| j != i).map(|j| (-(reliability[i] - reliability[j]).abs()).exp()).sum();
-            sum / (n - 1) as f64
-        })
+        .map(|i| (0..n).filter(|&j| j != i).map(|j| (-(reliability[i] - reliability[j]).abs()).exp()).sum())
         .collect();
     let total: f64 = support.iter().sum();
     if total > 0.0 {
         support.iter().map(|a| a / total).collect()
     } else {
-        // Every distance underflows: nobody supports anybody, and nobody is preferred.
+        // One alone, or every distance underflows: nobody supports anybody, and nobody is preferred.
         vec![1.0 / n as f64; n]
     }
 }

@@ -101,7 +101,7 @@ pub fn segment_fixed(trajectory: &Trajectory, period_s: f64) -> Result<Vec<Motio
         return Err(Error::InvalidParameter { name: "period_s", allowed: "(0, inf)", value: period_s });
     }
     let (start, end) = ends(trajectory)?;
-    let count = (((end - start) / period_s + 0.5).floor() as usize).max(1);
+    let count = ((end - start) / period_s + 0.5).floor() as usize;
     if count >= trajectory.len() {
         let needed = count.saturating_add(1);
         return Err(Error::TooFewSamples { what: "segmentation by fixed period", needed, got: trajectory.len() });
