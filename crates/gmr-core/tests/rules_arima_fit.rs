@@ -193,6 +193,34 @@ fn the_fewest_samples_are_one_more_than_the_numbers_to_find() {
 }
 
 #[test]
+fn a_series_without_anything_to_explain_is_degenerate() {
+    let still = "series after differencing and removing the mean";
+    for (y, order, constant) in [
+        (vec![0.0; 30], (1, 0, 0), false),
+        (vec![4.0; 30], (1, 0, 1), true),
+        ((0..30).map(f64::from).collect(), (1, 2, 0), false),
+        ((0..30).map(|i| 3.0 + 2.0 * f64::from(i)).collect(), (0, 1, 1), true),
+        // So small that its variance is no number.
+        (noise(1, 30).iter().map(|v| 1e-300 * v).collect(), (1, 0, 0), true),
+    ] {
+        let refused = fit(&y, order, constant);
+        assert!(matches!(refused, Err(Error::Degenerate { what }) if what == still), "{order:?}: {refused:?}");
+    }
+}
+
+#[test]
+fn a_level_far_above_the_noise_costs_no_digits_of_the_coefficients() {
+    let y = simulate(17, 80, &parts(&[0.6], 0, &[]));
+    let (a, ra) = fit(&y, (1, 0, 0), true).unwrap();
+    let (b, rb) = fit(&y.iter().map(|v| v + 1e9).collect::<Vec<_>>(), (1, 0, 0), true).unwrap();
+    // What is left of the noise beside 1e9 has ten digits.
+    close("ar", b.parts().ar[0], a.parts().ar[0], 1e-5);
+    close("variance", b.parts().variance, a.parts().variance, 1e-5);
+    close("mean", b.parts().mean - 1e9, a.parts().mean, 1e-5);
+    close("likelihood", rb.log_likelihood, ra.log_likelihood, 1e-6);
+}
+
+#[test]
 fn units_change_the_scale_of_mean_and_variance_and_nothing_else() {
     let y = simulate(13, 60, &parts(&[0.6], 0, &[]));
     for (constant, holes) in [(true, false), (false, false), (true, true)] {

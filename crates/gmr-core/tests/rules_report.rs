@@ -203,6 +203,29 @@ fn a_start_that_no_sample_reaches_and_a_component_that_collapses_are_named_with_
 }
 
 #[test]
+fn a_mixture_that_no_longer_reaches_a_sample_it_was_fitted_to_is_no_fit() {
+    // Started wide, everything has a density; the M step leaves a variance in which the far sample, of next to no
+    // weight, has none.
+    let values = [0.0, 0.0, 1e140];
+    let samples = Samples::new(&values, 1).unwrap().with_weights(&[1.0, 1.0, 1e-320]).unwrap();
+    let params = GmmParams { floor: 0.0, max_iterations: 1, ..warm(normals(vec![0.0], vec![1e280])) };
+    let Err(Error::AllRestartsFailed { restarts }) = params.validate().unwrap().fit(&samples) else { panic!() };
+    assert_eq!((restarts[0].outcome, restarts[0].iterations), (RestartOutcome::NoSupport { iteration: 1 }, 1));
+}
+
+#[test]
+fn duplicates_have_no_variance_and_never_one_below_zero() {
+    for covariance in [CovarianceKind::Full, CovarianceKind::Diagonal, CovarianceKind::Spherical] {
+        for i in 1..100 {
+            let values = [0.1 * f64::from(i); 7];
+            let (_, report) = fit(GmmParams { covariance, ..GmmParams::default() }, &values, 1).unwrap();
+            let smallest = report.regularisation.floored[0].smallest_eigenvalue;
+            assert!((0.0..1e-25).contains(&smallest), "{covariance:?} {i}: {smallest:e}");
+        }
+    }
+}
+
+#[test]
 fn missing_values_are_counted_by_value_by_partial_row_and_by_unused_row() {
     let nan = f64::NAN;
     let values = [1.0, 2.0, nan, 3.0, 4.0, nan, nan, nan, 0.0, 1.0, 5.0, nan];
