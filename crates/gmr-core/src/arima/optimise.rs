@@ -178,12 +178,7 @@ fn update(h: &mut [f64], s: &[f64], y: &[f64], sy: f64) {
 mod tests {
     use super::*;
 
-    fn one_by_one(
-        start: &[f64],
-        max_iterations: usize,
-        tolerance: f64,
-        mut f: impl FnMut(&[f64]) -> f64,
-    ) -> Minimum {
+    fn one_by_one(start: &[f64], max_iterations: usize, tolerance: f64, mut f: impl FnMut(&[f64]) -> f64) -> Minimum {
         minimise(start, max_iterations, tolerance, 8, |points, values| {
             for (x, value) in points.chunks_exact(start.len()).zip(values) {
                 *value = f(x);
