@@ -109,7 +109,7 @@ class OggLite(nn.Module):
 
     def forward(self, image: Tensor) -> list[tuple[Tensor, Tensor]]:
         height, width = image.shape[-2:]
-        if height % MULTIPLE or width % MULTIPLE:
+        if not torch.jit.is_tracing() and (height % MULTIPLE or width % MULTIPLE):
             raise ValueError(f"picture: expected sides that are multiples of {MULTIPLE}, got {width}x{height}")
         features = self.refine(self.context(self.stem(image)))
         first = self.stages[0](features)
