@@ -133,7 +133,7 @@ impl ArmGate {
     /// Knows nothing yet.
     ///
     /// # Errors
-    /// [`Error::Parameter`] with the field.
+    /// [`Error::Parameter`](crate::Error::Parameter) with the field.
     pub fn new(side: Side, options: GateOptions) -> Result<Self> {
         options.validate()?;
         let joint = JointFilter::new(options.smoothing)?;

@@ -36,7 +36,7 @@ pub enum Phase {
     After,
 }
 
-/// Result and working space of a query; made once by [`SequenceRegressor::prediction`].
+/// Result and working space of a query; made once by [`SequenceRegressor::prediction`](super::SequenceRegressor::prediction).
 ///
 /// ```
 /// # use gmr_core::{CovarianceKind, ElementModel, ElementSequence, ElementSequenceParts, Mixture, MixtureParts, MotionElement, Phase};

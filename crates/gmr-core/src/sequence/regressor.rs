@@ -5,7 +5,7 @@ use crate::error::{Error, Result, check_len};
 use crate::regress::{Prediction, Regressor};
 use crate::segment::MotionElement;
 
-/// An [`ElementSequence`] prepared for queries; a query allocates nothing.
+/// An [`ElementSequence`](super::ElementSequence) prepared for queries; a query allocates nothing.
 ///
 /// ```
 /// # use gmr_core::{CovarianceKind, ElementModel, ElementSequence, ElementSequenceParts, Mixture, MixtureParts, MotionElement, Phase};
