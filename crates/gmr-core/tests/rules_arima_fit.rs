@@ -240,3 +240,14 @@ fn units_change_the_scale_of_mean_and_variance_and_nothing_else() {
         }
     }
 }
+
+#[test]
+fn beside_a_unit_root_the_likelihood_reported_is_a_number_or_the_fit_an_error() {
+    for exponent in -80..80 {
+        let y: Vec<f64> = (0..11).map(|i| f64::from(i) * 10f64.powi(exponent)).collect();
+        if let Ok((model, report)) = fit(&y, (2, 1, 3), false) {
+            assert!(report.log_likelihood.is_finite() && report.bic.is_finite(), "10^{exponent}: {report:?}");
+            model.filter(&y).unwrap();
+        }
+    }
+}

@@ -76,7 +76,7 @@ impl ArimaPlan {
             if best.as_ref().is_some_and(|(_, known)| !(found.value < known.value - 1e-12)) {
                 continue;
             }
-            if found.value.is_finite() {
+            if found.value.is_finite() && objective.exact(&found.x).is_finite() {
                 best = Some((start, found));
             }
         }

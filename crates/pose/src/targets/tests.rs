@@ -8,8 +8,10 @@ fn plan(width: usize, height: usize) -> TargetPlan {
     TargetParams::openpose(Skeleton::OpenPose18, limbs, width, height).validate().unwrap()
 }
 
-/// The definitions again, cell by cell and in 64-bit floats, with nothing cut off.
-fn slow(plan: &TargetPlan, labels: &Labels<'_>, sample: usize) -> Maps {
+/// The definitions again, cell by cell and in 64-bit floats, with nothing cut off. And by value of the fields: whether the cell lies within a
+/// ten-thousandth of a pixel of a limb's edge, where 32 and 64 bits may disagree about a yes or no.
+fn slow(plan: &TargetPlan, labels: &Labels<'_>, sample: usize) -> (Maps, Vec<bool>) {
+    let mut on_edge = Vec::new();
     let p = &plan.params;
     let (rows, columns) = plan.map_size();
     let joints = p.skeleton.len();
@@ -57,7 +59,7 @@ fn slow(plan: &TargetPlan, labels: &Labels<'_>, sample: usize) -> Maps {
     for &[a, b] in &plan.ends {
         for axis in 0..2 {
             for &(x, y) in &centres {
-                let (mut sum, mut count, mut out) = (0.0, 0, false);
+                let (mut sum, mut count, mut out, mut edge) = (0.0, 0, false, false);
                 for q in people.clone() {
                     let ((ax, ay), (bx, by)) = (place(q, a), place(q, b));
                     let length = (bx - ax).hypot(by - ay);
@@ -65,6 +67,8 @@ fn slow(plan: &TargetPlan, labels: &Labels<'_>, sample: usize) -> Maps {
                     let forward = (x - ax) * unit.0 + (y - ay) * unit.1;
                     let sideways = (x - ax) * unit.1 - (y - ay) * unit.0;
                     let on = forward >= 0.0 && forward <= length && sideways.abs() <= f64::from(p.half_width_px);
+                    let half = f64::from(p.half_width_px);
+                    edge |= [forward, forward - length, sideways.abs() - half].iter().any(|gap| gap.abs() < 1e-4);
                     match (state(q, a), state(q, b)) {
                         (3, 3) if on => {
                             sum += if axis == 0 { unit.0 } else { unit.1 };
@@ -77,17 +81,18 @@ fn slow(plan: &TargetPlan, labels: &Labels<'_>, sample: usize) -> Maps {
                 }
                 maps.paf.push((sum / f64::from(count.max(1))) as f32);
                 maps.paf_mask.push(if out { 0.0 } else { 1.0 });
+                on_edge.push(edge);
             }
         }
     }
-    maps
+    (maps, on_edge)
 }
 
-/// Values agree to 1e-6. A mask or a limb's edge is a yes or no: there, cells within a ten-thousandth of the edge may
-/// differ between 32 and 64 bits, so places lie on a grid of 1/16 px that no edge of these sizes falls on exactly.
-fn same(a: &[f32], b: &[f32], what: &str) -> Result<(), TestCaseError> {
+/// Values agree to 1e-6, but where `passed` over. Places lie on a grid of 1/16 px, so that few cells are on an edge.
+fn same(a: &[f32], b: &[f32], passed: &[bool], what: &str) -> Result<(), TestCaseError> {
     prop_assert_eq!(a.len(), b.len(), "{}", what);
-    let worst = a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    let compared = a.iter().zip(b).enumerate().filter(|(i, _)| !passed.get(*i).is_some_and(|p| *p));
+    let worst = compared.map(|(_, (a, b))| (a - b).abs()).fold(0.0, f32::max);
     prop_assert!(worst <= 1e-6, "{what}: {worst}");
     Ok(())
 }
@@ -116,12 +121,13 @@ proptest! {
         let labels = Labels { batch: 3, people: 2, joints_px: &joints_px, states: &states, boxes_px: &boxes_px };
         let maps = plan.encode(&labels).unwrap();
         for sample in 0..3 {
-            let expected = slow(&plan, &labels, sample);
+            let (expected, on_edge) = slow(&plan, &labels, sample);
+            prop_assert!(on_edge.iter().filter(|e| **e).count() * 100 < on_edge.len(), "more than one cell in a hundred on an edge");
             let part = |all: &[f32], n: usize| all[sample * n..(sample + 1) * n].to_vec();
-            same(&part(&maps.pcm, expected.pcm.len()), &expected.pcm, "pcm")?;
-            same(&part(&maps.pcm_mask, expected.pcm.len()), &expected.pcm_mask, "pcm mask")?;
-            same(&part(&maps.paf, expected.paf.len()), &expected.paf, "paf")?;
-            same(&part(&maps.paf_mask, expected.paf.len()), &expected.paf_mask, "paf mask")?;
+            same(&part(&maps.pcm, expected.pcm.len()), &expected.pcm, &[], "pcm")?;
+            same(&part(&maps.pcm_mask, expected.pcm.len()), &expected.pcm_mask, &[], "pcm mask")?;
+            same(&part(&maps.paf, expected.paf.len()), &expected.paf, &on_edge, "paf")?;
+            same(&part(&maps.paf_mask, expected.paf.len()), &expected.paf_mask, &on_edge, "paf mask")?;
         }
     }
 
