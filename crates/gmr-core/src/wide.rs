@@ -10,6 +10,20 @@ use pulp::Simd;
 /// Numbers side by side; the widest register in use (AVX-512) holds as many.
 pub(crate) const LANES: usize = 8;
 
+/// Calls a method with the number of registers that hold eight numbers as its last constant. A given register width fixes it, so only one
+/// arm is compiled.
+macro_rules! in_registers {
+    ($this:ident.$method:ident<$simd:ident $(, $constant:tt)*>($($argument:expr),*)) => {
+        match $crate::wide::LANES / $simd::F64_LANES {
+            1 => $this.$method::<$simd, $($constant,)* 1>($($argument),*),
+            2 => $this.$method::<$simd, $($constant,)* 2>($($argument),*),
+            4 => $this.$method::<$simd, $($constant,)* 4>($($argument),*),
+            _ => $this.$method::<$simd, $($constant,)* { $crate::wide::LANES }>($($argument),*),
+        }
+    };
+}
+pub(crate) use in_registers;
+
 /// Doubles that begin on a cache line, so that no register load straddles two.
 #[derive(Debug)]
 pub(crate) struct Aligned {

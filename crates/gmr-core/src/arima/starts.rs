@@ -4,7 +4,7 @@ use pulp::{Arch, Simd, WithSimd};
 
 use super::polynomial::unconstrained_near;
 use crate::linalg::{cholesky, solve_lower, solve_lower_transpose};
-use crate::wide::{LANES, Wide};
+use crate::wide::{LANES, Wide, in_registers};
 
 /// Grid points from which a search is begun. The likelihood of mixed models has several maxima; two more
 /// starts find the highest one wherever the tests know it.
@@ -122,12 +122,7 @@ impl WithSimd for Dot<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> f64 {
-        match LANES / S::F64_LANES {
-            1 => self.in_registers::<S, 1>(simd),
-            2 => self.in_registers::<S, 2>(simd),
-            4 => self.in_registers::<S, 4>(simd),
-            _ => self.in_registers::<S, LANES>(simd),
-        }
+        in_registers!(self.in_registers<S>(simd))
     }
 }
 

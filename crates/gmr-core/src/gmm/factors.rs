@@ -5,7 +5,7 @@
 
 use pulp::{Arch, Simd, WithSimd};
 
-use crate::wide::{LANES, Wide};
+use crate::wide::{LANES, Wide, in_registers};
 
 /// Largest dimension that is small.
 const MOST: usize = 8;
@@ -27,13 +27,7 @@ impl WithSimd for Whiten<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> bool {
-        // Registers per number: fixed for a given register width, so only one arm is compiled.
-        match LANES / S::F64_LANES {
-            1 => self.in_registers::<S, 1>(simd),
-            2 => self.in_registers::<S, 2>(simd),
-            4 => self.in_registers::<S, 4>(simd),
-            _ => self.in_registers::<S, LANES>(simd),
-        }
+        in_registers!(self.in_registers<S>(simd))
     }
 }
 

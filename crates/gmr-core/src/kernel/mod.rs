@@ -31,12 +31,7 @@ macro_rules! by_dimension {
         }
     };
     ($this:ident, $simd:ident, of $d:literal) => {
-        match LANES / S::F64_LANES {
-            1 => $this.of::<S, $d, 1>($simd),
-            2 => $this.of::<S, $d, 2>($simd),
-            4 => $this.of::<S, $d, 4>($simd),
-            _ => $this.of::<S, $d, LANES>($simd),
-        }
+        $crate::wide::in_registers!($this.of<S, $d>($simd))
     };
 }
 

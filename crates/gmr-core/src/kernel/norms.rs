@@ -5,7 +5,7 @@ use pulp::Simd;
 use super::blocks::{groups, groups_mut};
 use super::expectation::{Components, Scratch};
 use super::{BLOCK, GROUPS, LANES};
-use crate::wide::Wide;
+use crate::wide::{Wide, in_registers};
 
 /// Fills `scratch.joint` and the largest value of each sample in `scratch.peak`.
 #[inline(always)]
@@ -41,13 +41,7 @@ struct SmallBlock<'a> {
 impl SmallBlock<'_> {
     #[inline(always)]
     fn of_dimension<S: Simd, const D: usize>(self, simd: S, scratch: &mut Scratch) {
-        // Registers per group: fixed for a given register width, so only one arm is compiled.
-        match LANES / S::F64_LANES {
-            1 => self.of::<S, D, 1>(simd, scratch),
-            2 => self.of::<S, D, 2>(simd, scratch),
-            4 => self.of::<S, D, 4>(simd, scratch),
-            _ => self.of::<S, D, LANES>(simd, scratch),
-        }
+        in_registers!(self.of < S, D > (simd, scratch));
     }
 
     /// Component by component, every group in full: leaving a component out of the groups it does not reach takes a

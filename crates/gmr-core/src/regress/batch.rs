@@ -8,7 +8,7 @@ use super::{BatchPrediction, Regressor};
 use crate::error::{Result, check_len};
 use crate::samples::Samples;
 use crate::scalar::exp_nonpositive;
-use crate::wide::{Aligned, LANES, Wide};
+use crate::wide::{Aligned, LANES, Wide, in_registers};
 
 impl Regressor {
     /// Means and covariances of `queries: (n, d_i)`.
@@ -89,13 +89,7 @@ impl WithSimd for Batch<'_> {
     /// False when some query has no support.
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> bool {
-        // Registers per number: fixed for a given register width, so only one arm is compiled.
-        match LANES / S::F64_LANES {
-            1 => self.in_registers::<S, 1>(simd),
-            2 => self.in_registers::<S, 2>(simd),
-            4 => self.in_registers::<S, 4>(simd),
-            _ => self.in_registers::<S, LANES>(simd),
-        }
+        in_registers!(self.in_registers<S>(simd))
     }
 }
 

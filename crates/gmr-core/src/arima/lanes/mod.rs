@@ -10,7 +10,7 @@ use pulp::{Arch, Simd, WithSimd};
 use model::Model;
 
 use super::filter::{MAX_STATE, Sums};
-use crate::wide::{Aligned, LANES, Wide};
+use crate::wide::{Aligned, LANES, Wide, in_registers};
 
 /// Coefficients of [`LANES`] models of the same orders, padded to the state dimension.
 #[derive(Debug, Clone)]
@@ -72,13 +72,7 @@ impl WithSimd for Pass<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> [Sums; LANES] {
-        // Registers per number: fixed for a given register width, so only one arm is compiled.
-        match LANES / S::F64_LANES {
-            1 => self.in_registers::<S, 1>(simd),
-            2 => self.in_registers::<S, 2>(simd),
-            4 => self.in_registers::<S, 4>(simd),
-            _ => self.in_registers::<S, LANES>(simd),
-        }
+        in_registers!(self.in_registers<S>(simd))
     }
 }
 
