@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -131,7 +131,7 @@ class BatchMaker:
         return Batch(image.contiguous(memory_format=torch.channels_last), maps)
 
 
-def prefetch(make: BatchMaker, first: int, last: int, *, ahead: int = 2) -> Iterator[Batch]:
+def prefetch(make: Callable[[int], Batch], first: int, last: int, *, ahead: int = 2) -> Iterator[Batch]:
     """Batches `first .. last`, prepared on a thread at most `ahead` in advance."""
     ready: queue.Queue[Batch | BaseException] = queue.Queue(maxsize=ahead)
     stop = threading.Event()

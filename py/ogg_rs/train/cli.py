@@ -83,6 +83,8 @@ def parser() -> argparse.ArgumentParser:
     fit.add_argument("--emphasis", type=float, default=4.0, help="0 is the loss as printed in the paper")
     fit.add_argument("--strength", type=float, default=1.0, help="strength of the random picture changes, 0 to 1")
     fit.add_argument("--threads", type=int, default=1, help="set to the number of cores that are otherwise idle")
+    fit.add_argument("--processes", type=int, default=1, metavar="N",
+                     help="processes that share the work, each with --batch pictures a step; on a CPU better than --threads")  # fmt: skip
     fit.add_argument("--bf16", choices=["auto", "on", "off"], default="auto", help="auto: on where the CPU has AMX")
 
     export = commands.add_parser("export", help="write the averaged weights of a run as ONNX")
@@ -153,10 +155,14 @@ def main(arguments: list[str] | None = None) -> int:
     """Runs one command; 2 for wrong input, with a message that names it."""
     options = parser().parse_args(arguments)
     from . import commands
+    from .team import Team, launch
 
     try:
+        if getattr(options, "processes", 1) > 1 and not Team.gathered():
+            launch(options.processes, [sys.executable, "-m", "ogg_rs.train", *(arguments or sys.argv[1:])])
+            return 0
         commands.RUN[options.command](options)
-    except (FileNotFoundError, ValueError, KeyError, ImportError, ArithmeticError, json.JSONDecodeError) as error:
+    except (FileNotFoundError, ValueError, KeyError, ImportError, ArithmeticError, ChildProcessError, json.JSONDecodeError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:

@@ -23,6 +23,7 @@ from .export import export
 from .nets import build, parameter_count
 from .skeleton import ARM_PARTS, PARTS, SKELETONS
 from .targets import State
+from .team import Team
 
 
 def draw_puppets(options: argparse.Namespace) -> None:
@@ -47,11 +48,14 @@ def augmentation(strength: float) -> AugmentParams:
 
 def train(options: argparse.Namespace) -> None:
     """`fit`."""
-    skeleton = SKELETONS[options.profile]
-    sets = [
-        (CocoKeypoints(path, annotations=options.annotations, images=options.images, skeleton=skeleton), times)
-        for path, times in options.data
-    ]
+    if options.processes < 1:
+        raise ValueError(f"--processes: expected at least 1, got {options.processes}")
+    skeleton, team = SKELETONS[options.profile], Team.join()
+
+    def read(path: Path) -> CocoKeypoints:
+        return CocoKeypoints(path, annotations=options.annotations, images=options.images, skeleton=skeleton)
+
+    sets = [(team.leader_first(lambda path=path: read(path)), times) for path, times in options.data]
     torch.manual_seed(options.seed)
     network = build(options.network, skeleton)
     bf16 = has_amx_bf16() if options.bf16 == "auto" else options.bf16 == "on"
@@ -64,13 +68,14 @@ def train(options: argparse.Namespace) -> None:
     )
     teacher = _teacher(options.teacher) if options.teacher else None
     pictures = sum(len(s) for s, _ in sets)
-    print(
-        f"{options.network}: {parameter_count(network)} parameters, {pictures} pictures, {options.steps} steps of "
-        f"{options.batch}, {'bfloat16' if bf16 else 'float32'}, {options.threads} threads"
-    )
-    options.out.mkdir(parents=True, exist_ok=True)
-    about = {"network": options.network, "profile": options.profile, "size": list(options.size), "seed": options.seed}
-    (options.out / "network.json").write_text(json.dumps(about))
+    if team.leads:
+        options.out.mkdir(parents=True, exist_ok=True)
+        about = {"network": options.network, "profile": options.profile, "size": list(options.size), "seed": options.seed}
+        (options.out / "network.json").write_text(json.dumps(about))
+        print(
+            f"{options.network}: {parameter_count(network)} parameters, {pictures} pictures, {options.steps} steps of "
+            f"{team.size} x {options.batch}, {'bfloat16' if bf16 else 'float32'}, {options.threads} threads"
+        )
     fit(network, maker, params, options.out, start=options.start, teacher=teacher)
 
 

@@ -21,6 +21,7 @@ from tqdm import tqdm
 from .batches import BatchMaker, prefetch
 from .losses import total_loss
 from .targets import Maps, fuse
+from .team import Team
 
 Teacher = Callable[[Tensor], tuple[Tensor, Tensor]]
 """From a normalised picture batch to the teacher's `(pcm, paf)` at the network's stride and channel order."""
@@ -95,9 +96,10 @@ def fit(
     """Trains and returns the averaged network, resuming from `out/checkpoint.pt` where there is one.
 
     `start` gives initial weights of an earlier run (its averaged network). With a `teacher` the labels are fused with
-    its maps (3) before the loss, which makes the loss that of (4).
+    its maps (3) before the loss, which makes the loss that of (4). Under `torchrun` all processes train one network.
     """
     params = params.validate()
+    team = Team.join()
     out.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(params.threads)
     torch.manual_seed(make_batch.seed)
@@ -118,10 +120,12 @@ def fit(
         optimiser.load_state_dict(state["optimiser"])
         schedule.load_state_dict(state["schedule"])
         first = state["step"]
-    (out / "params.json").write_text(json.dumps(asdict(params), indent=1))
+    if team.leads:
+        (out / "params.json").write_text(json.dumps(asdict(params), indent=1))
     bar = tqdm(
-        prefetch(make_batch, first, params.steps), total=params.steps, initial=first, unit="step", desc=out.name
-    )
+        prefetch(lambda step: make_batch(team.batch(step)), first, params.steps),
+        total=params.steps, initial=first, unit="step", desc=out.name, disable=not team.leads,
+    )  # fmt: skip
     recent, began = 0.0, time.monotonic()
     for step, batch in enumerate(bar, first):
         maps: Maps = batch.maps
@@ -133,6 +137,7 @@ def fit(
         loss = total_loss(stages, maps, emphasis=params.emphasis)
         optimiser.zero_grad(set_to_none=True)
         loss.backward()
+        team.average_gradients(network)
         norm = nn.utils.clip_grad_norm_(network.parameters(), params.clip_norm)
         optimiser.step()
         schedule.step()
@@ -144,6 +149,8 @@ def fit(
         recent = value if recent == 0 else 0.95 * recent + 0.05 * value
         bar.set_postfix(loss=f"{recent:.2f}")
         done = step + 1
+        if not team.leads:
+            continue
         if done % 50 == 0:
             row = {"step": done, "loss": recent, "norm": float(norm), "seconds": round(time.monotonic() - began, 1)}
             with (out / "log.jsonl").open("a") as log:
