@@ -16,7 +16,7 @@ from PIL import Image
 
 from ogg_rs.train import augment, cli, puppets
 from ogg_rs.train.augment import AugmentParams, Sample
-from ogg_rs.train.batches import BatchMaker, Normalisation
+from ogg_rs.train.batches import BatchMaker, Joined, Normalisation, from_behind
 from ogg_rs.train.coco import CocoKeypoints
 from ogg_rs.train.engine import FitParams, fit
 from ogg_rs.train.evaluate import Case, decode_single, score
@@ -142,6 +142,40 @@ def test_a_written_data_set_reads_back_as_drawn(data: Path) -> None:
 
 def make(data: Path, seed: int = 5) -> BatchMaker:
     return BatchMaker(CocoKeypoints(data), OPENPOSE18, (128, 96), 4, seed, AugmentParams(), Normalisation())
+
+
+def person(**places: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+    joints, states = np.zeros((1, 18, 2), np.float32), np.full((1, 18), State.UNKNOWN)
+    for name, place in places.items():
+        joints[0, PARTS.index(name)], states[0, PARTS.index(name)] = place, State.LABELLED
+    return joints, states
+
+
+FRONT = person(right_shoulder=(40, 50), left_shoulder=(80, 50), right_elbow=(35, 90), left_elbow=(85, 90))
+BACK = person(right_shoulder=(80, 50), left_shoulder=(40, 50), right_elbow=(85, 90), left_elbow=(35, 90))
+SIDE = person(right_shoulder=(62, 50), left_shoulder=(58, 50), right_elbow=(60, 90), left_elbow=(60, 90))
+HALF = person(right_shoulder=(80, 50), right_elbow=(85, 90), left_elbow=(35, 90))
+
+
+def test_a_back_is_told_by_the_order_of_the_shoulders() -> None:
+    assert [from_behind(*who) for who in (FRONT, BACK, SIDE, HALF)] == [False, True, False, False]
+
+
+def test_backs_are_shown_more_often_and_all_else_as_often_as_its_set() -> None:
+    class Set:
+        people = [FRONT, BACK, SIDE]
+
+        def __len__(self) -> int:
+            return 3
+
+        def __getitem__(self, i: int) -> int:
+            return i
+
+    def counts(behind: int) -> list[int]:
+        joined = Joined([(Set(), 2)], behind=behind)
+        return np.bincount([joined[i] for i in range(len(joined))]).tolist()
+
+    assert (counts(1), counts(4)) == ([2, 2, 2], [2, 8, 2])
 
 
 def test_a_batch_depends_on_seed_and_step_alone(data: Path) -> None:

@@ -64,8 +64,9 @@ def train(options: argparse.Namespace) -> None:
         threads=options.threads, autocast=bf16,
     )  # fmt: skip
     maker = BatchMaker(
-        Joined(sets), skeleton, options.size, options.batch, options.seed, augmentation(options.strength), Normalisation()
-    )
+        Joined(sets, behind=options.behind), skeleton, options.size, options.batch, options.seed,
+        augmentation(options.strength), Normalisation(),
+    )  # fmt: skip
     teacher = _teacher(options.teacher) if options.teacher else None
     pictures = sum(len(s) for s, _ in sets)
     if team.leads:
