@@ -27,6 +27,7 @@
 //! `(batch, channel, row, column)`. A batch is spread over the threads of rayon. Gaussians are cut off where they fall
 //! below 1e-7, which is what makes this fast; everything else is exact.
 
+use pulp::Arch;
 use rayon::prelude::*;
 
 use crate::{Error, Result};
@@ -136,7 +137,7 @@ impl TargetPlan {
     }
 
     /// [`TargetPlan::encode_into`] and then [`TargetPlan::fuse`], with the same numbers. Every map is corrected while it is
-    /// in the cache, so memory is written once and nothing but the teacher is read.
+    /// in the cache.
     ///
     /// # Errors
     /// As [`TargetPlan::encode`] and [`TargetPlan::fuse`].
@@ -189,6 +190,7 @@ impl TargetPlan {
         {
             map.resize(labels.batch * length, 0.0);
         }
+        let arch = Arch::new();
         maps.pcm
             .par_chunks_exact_mut(pcm)
             .zip(maps.pcm_mask.par_chunks_exact_mut(pcm))
@@ -209,8 +211,7 @@ impl TargetPlan {
                         (&t_pcm[i * pcm.len()..(i + 1) * pcm.len()], &t_paf[i * paf.len()..(i + 1) * paf.len()], floor)
                     }),
                 };
-                sample.parts(pcm, pcm_mask);
-                sample.fields(paf, paf_mask);
+                arch.dispatch(draw::Picture { sample, pcm, pcm_mask, paf, paf_mask });
             });
     }
 
@@ -242,15 +243,12 @@ impl TargetPlan {
         }
         let (rows, columns) = self.map_size();
         let cells = rows * columns;
+        let arch = Arch::new();
         let own = labels.pcm.par_chunks_exact_mut(pcm).zip(labels.pcm_mask.par_chunks_exact_mut(pcm));
         let fields = labels.paf.par_chunks_exact_mut(paf).zip(labels.paf_mask.par_chunks_exact_mut(paf));
         let teacher = teacher_pcm.par_chunks_exact(pcm).zip(teacher_paf.par_chunks_exact(paf));
         own.zip(fields).zip(teacher).for_each(|(((pcm, pcm_mask), (paf, paf_mask)), (t_pcm, t_paf))| {
-            fuse::parts(pcm, pcm_mask, t_pcm, cells, floor);
-            let fields = paf.chunks_exact_mut(2 * cells).zip(paf_mask.chunks_exact_mut(2 * cells));
-            for ((own, mask), teacher) in fields.zip(t_paf.chunks_exact(2 * cells)) {
-                fuse::field(own, mask, teacher, floor);
-            }
+            arch.dispatch(fuse::Picture { pcm, pcm_mask, paf, paf_mask, teacher: (t_pcm, t_paf), cells, floor });
         });
         Ok(())
     }

@@ -1,8 +1,11 @@
 //! The targets of one picture, cell by cell where they are not zero.
 //!
-//! A channel is drawn, and corrected by the teacher's, while it lies in the first cache; every output is written once.
+//! All maps of a picture are emptied first, in long runs, then drawn channel by channel, each corrected by the teacher's while
+//! it lies in the first cache.
 
 use std::ops::Range;
+
+use pulp::NullaryFnOnce;
 
 use super::{JointState, TargetParams, fuse};
 
@@ -30,30 +33,59 @@ const HIDDEN: u8 = JointState::Hidden as u8;
 const OUTSIDE: u8 = JointState::Outside as u8;
 const LABELLED: u8 = JointState::Labelled as u8;
 
+/// A picture's labels and where its maps go, to be drawn with the widest registers there are.
+pub(super) struct Picture<'a> {
+    pub(super) sample: Sample<'a>,
+    pub(super) pcm: &'a mut [f32],
+    pub(super) pcm_mask: &'a mut [f32],
+    pub(super) paf: &'a mut [f32],
+    pub(super) paf_mask: &'a mut [f32],
+}
+
+impl NullaryFnOnce for Picture<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        self.pcm.fill(0.0);
+        self.pcm_mask.fill(1.0);
+        self.paf.fill(0.0);
+        self.paf_mask.fill(1.0);
+        self.sample.parts(self.pcm, self.pcm_mask);
+        self.sample.fields(self.paf, self.paf_mask);
+    }
+}
+
 impl Sample<'_> {
+    #[inline(always)]
     fn joints(&self) -> usize {
         self.params.skeleton.len()
     }
 
+    #[inline(always)]
     fn people(&self) -> usize {
         self.states.len() / self.joints()
     }
 
+    #[inline(always)]
     fn place(&self, person: usize, joint: usize) -> (f32, f32) {
         let i = (person * self.joints() + joint) * 2;
         (self.joints_px[i], self.joints_px[i + 1])
     }
 
+    #[inline(always)]
     fn state(&self, person: usize, joint: usize) -> u8 {
         self.states[person * self.joints() + joint]
     }
 
     /// Picture coordinate of the centre of a cell.
+    #[inline(always)]
     fn centre(&self, cell: usize) -> f32 {
         (cell as f32 + 0.5) * self.params.stride as f32 - 0.5
     }
 
     /// Cells whose centres lie in `[from, to]`, a little generous; the exact test is the caller's.
+    #[inline(always)]
     fn cells(&self, from_px: f32, to_px: f32, limit: usize) -> Range<usize> {
         let stride = self.params.stride as f32;
         let cell = |px: f32| (px + 0.5) / stride - 0.5;
@@ -63,18 +95,15 @@ impl Sample<'_> {
     }
 
     /// Confidence maps and background.
+    #[inline(always)]
     pub(super) fn parts(&self, pcm: &mut [f32], mask: &mut [f32]) {
         let cells = self.rows * self.columns;
         let (pcm, background) = pcm.split_at_mut(self.joints() * cells);
         let (mask, background_mask) = mask.split_at_mut(self.joints() * cells);
         // The most of all labels; the background when done.
-        background.fill(0.0);
-        background_mask.fill(1.0);
         let mut across = Vec::new();
         let mut most = fuse::Most::new(cells);
         for (joint, (map, mask)) in pcm.chunks_exact_mut(cells).zip(mask.chunks_exact_mut(cells)).enumerate() {
-            map.fill(0.0);
-            mask.fill(1.0);
             for person in 0..self.people() {
                 match self.state(person, joint) {
                     LABELLED => self.gaussian(person, joint, &mut across, |run, down, across| {
@@ -116,13 +145,12 @@ impl Sample<'_> {
     }
 
     /// Affinity fields.
+    #[inline(always)]
     pub(super) fn fields(&self, paf: &mut [f32], mask: &mut [f32]) {
         let cells = self.rows * self.columns;
         let mut shared = Shared { count: vec![0; cells], ..Shared::default() };
         let maps = paf.chunks_exact_mut(2 * cells).zip(mask.chunks_exact_mut(2 * cells));
         for (limb, (ends, (paf, mask))) in self.ends.iter().zip(maps).enumerate() {
-            paf.fill(0.0);
-            mask.fill(1.0);
             self.field(*ends, paf, mask, &mut shared);
             if let Some((_, teacher, floor)) = self.teacher {
                 fuse::field(paf, mask, &teacher[limb * 2 * cells..][..2 * cells], floor);
@@ -131,6 +159,7 @@ impl Sample<'_> {
     }
 
     /// Row by row the run of cells, the factor of the row, and those of its columns.
+    #[inline(always)]
     fn gaussian(
         &self,
         person: usize,
@@ -151,6 +180,7 @@ impl Sample<'_> {
         }
     }
 
+    #[inline(always)]
     fn near(&self, person: usize, joint: usize, across: &mut Vec<f32>, mut visit: impl FnMut(usize)) {
         let edge = (-MASK_RADIUS * MASK_RADIUS / 2.0).exp();
         self.gaussian(person, joint, across, |run, down, across| {
@@ -159,6 +189,7 @@ impl Sample<'_> {
     }
 
     /// The runs of cells of a person's box.
+    #[inline(always)]
     fn in_box(&self, person: usize, mut visit: impl FnMut(Range<usize>)) {
         let b = &self.boxes_px[person * 4..person * 4 + 4];
         // Centres grow with the cell, so those inside follow each other.
@@ -179,6 +210,7 @@ impl Sample<'_> {
     }
 
     /// Cells between the ends of a limb and within its width, with its direction.
+    #[inline(always)]
     fn on_limb(&self, person: usize, [from, to]: [usize; 2], mut visit: impl FnMut(usize, f32, f32)) {
         let ((ax, ay), (bx, by)) = (self.place(person, from), self.place(person, to));
         let (dx, dy) = (bx - ax, by - ay);
@@ -201,6 +233,7 @@ impl Sample<'_> {
         }
     }
 
+    #[inline(always)]
     fn field(&self, ends: [usize; 2], paf: &mut [f32], mask: &mut [f32], shared: &mut Shared) {
         let cells = self.rows * self.columns;
         let (px, py) = paf.split_at_mut(cells);
@@ -250,6 +283,7 @@ struct Shared {
 }
 
 impl Shared {
+    #[inline(always)]
     fn add(&mut self, cell: usize) {
         if self.count[cell] == 0 {
             self.touched.push(cell);
@@ -258,6 +292,7 @@ impl Shared {
     }
 
     /// Visits the cells of more than one, and forgets all.
+    #[inline(always)]
     fn drain(&mut self, mut visit: impl FnMut(usize, f32)) {
         for cell in self.touched.drain(..) {
             let n = std::mem::take(&mut self.count[cell]);

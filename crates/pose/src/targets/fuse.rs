@@ -1,5 +1,35 @@
 //! Labels corrected by a teacher (OGG eq. 3), channel by channel.
 
+use pulp::NullaryFnOnce;
+
+/// Cells that are corrected together: the numbers of one AVX-512 register.
+const LANES: usize = 16;
+
+/// The maps of one picture, its teacher's and the floor, to be corrected with the widest registers there are.
+pub(super) struct Picture<'a> {
+    pub(super) pcm: &'a mut [f32],
+    pub(super) pcm_mask: &'a mut [f32],
+    pub(super) paf: &'a mut [f32],
+    pub(super) paf_mask: &'a mut [f32],
+    pub(super) teacher: (&'a [f32], &'a [f32]),
+    pub(super) cells: usize,
+    pub(super) floor: f32,
+}
+
+impl NullaryFnOnce for Picture<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let (cells, (pcm, paf)) = (self.cells, self.teacher);
+        parts(self.pcm, self.pcm_mask, pcm, cells, self.floor);
+        let fields = self.paf.chunks_exact_mut(2 * cells).zip(self.paf_mask.chunks_exact_mut(2 * cells));
+        for ((own, mask), teacher) in fields.zip(paf.chunks_exact(2 * cells)) {
+            field(own, mask, teacher, self.floor);
+        }
+    }
+}
+
 /// Over the joints of a picture: the largest fused value, and whether the teacher answers.
 pub(super) struct Most {
     value: Vec<f32>,
@@ -13,6 +43,7 @@ impl Most {
 }
 
 /// One confidence map.
+#[inline(always)]
 pub(super) fn part(own: &mut [f32], mask: &mut [f32], teacher: &[f32], floor: f32, most: &mut Most) {
     let most = most.value.iter_mut().zip(&mut most.answered);
     for (((own, mask), teacher), (most, answered)) in own.iter_mut().zip(mask).zip(teacher).zip(most) {
@@ -25,6 +56,7 @@ pub(super) fn part(own: &mut [f32], mask: &mut [f32], teacher: &[f32], floor: f3
 }
 
 /// All confidence maps of a picture.
+#[inline(always)]
 pub(super) fn parts(own: &mut [f32], mask: &mut [f32], teacher: &[f32], cells: usize, floor: f32) {
     let joints = own.len() - cells;
     let (parts, own_background) = own.split_at_mut(joints);
@@ -38,6 +70,7 @@ pub(super) fn parts(own: &mut [f32], mask: &mut [f32], teacher: &[f32], cells: u
 }
 
 /// The background of the fused maps.
+#[inline(always)]
 pub(super) fn background(own: &mut [f32], mask: &mut [f32], most: &Most) {
     for (((own, mask), most), answered) in own.iter_mut().zip(mask).zip(&most.value).zip(&most.answered) {
         *own = 1.0 - most;
@@ -46,32 +79,56 @@ pub(super) fn background(own: &mut [f32], mask: &mut [f32], most: &Most) {
 }
 
 /// Both components of one limb.
+#[inline(always)]
 pub(super) fn field(own: &mut [f32], mask: &mut [f32], teacher: &[f32], floor: f32) {
     let cells = teacher.len() / 2;
-    let (ox, oy) = own.split_at_mut(cells);
-    let (mx, my) = mask.split_at_mut(cells);
-    let (tx, ty) = teacher.split_at(cells);
-    let floor2 = floor * floor;
-    let own = ox.iter_mut().zip(oy);
-    let masks = mx.iter_mut().zip(my);
-    for (((ox, oy), (mx, my)), (tx, ty)) in own.zip(masks).zip(tx.iter().zip(ty)) {
-        // Squares order as norms do.
-        let (ours, theirs) = (*ox * *ox + *oy * *oy, tx * tx + ty * ty);
-        let take = ours <= theirs;
-        *ox = if take { *tx } else { *ox };
-        *oy = if take { *ty } else { *oy };
-        let answer = if theirs >= floor2 { 1.0 } else { 0.0 };
-        *mx = larger(*mx, answer);
-        *my = larger(*my, answer);
+    let (own, mask, teacher) = (own.split_at_mut(cells), mask.split_at_mut(cells), teacher.split_at(cells));
+    let ((ox, ox_rest), (oy, oy_rest)) = (own.0.as_chunks_mut(), own.1.as_chunks_mut());
+    let ((mx, mx_rest), (my, my_rest)) = (mask.0.as_chunks_mut(), mask.1.as_chunks_mut());
+    let ((tx, tx_rest), (ty, ty_rest)) = (teacher.0.as_chunks(), teacher.1.as_chunks());
+    for (((ox, oy), (mx, my)), (tx, ty)) in ox.iter_mut().zip(oy).zip(mx.iter_mut().zip(my)).zip(tx.iter().zip(ty)) {
+        vectors::<LANES>((ox, oy), (mx, my), (tx, ty), floor);
+    }
+    let ((ox, _), (oy, _)) = (ox_rest.as_chunks_mut(), oy_rest.as_chunks_mut());
+    let ((mx, _), (my, _)) = (mx_rest.as_chunks_mut(), my_rest.as_chunks_mut());
+    let ((tx, _), (ty, _)) = (tx_rest.as_chunks(), ty_rest.as_chunks());
+    for (((ox, oy), (mx, my)), (tx, ty)) in ox.iter_mut().zip(oy).zip(mx.iter_mut().zip(my)).zip(tx.iter().zip(ty)) {
+        vectors::<1>((ox, oy), (mx, my), (tx, ty), floor);
     }
 }
 
+/// `N` cells of a limb. Arrays are loaded before the first is stored, so that the compiler need not fear that they overlap.
+#[inline(always)]
+fn vectors<const N: usize>(
+    own: (&mut [f32; N], &mut [f32; N]),
+    mask: (&mut [f32; N], &mut [f32; N]),
+    teacher: (&[f32; N], &[f32; N]),
+    floor: f32,
+) {
+    let ((mut ox, mut oy), (mut mx, mut my), (tx, ty)) =
+        ((*own.0, *own.1), (*mask.0, *mask.1), (*teacher.0, *teacher.1));
+    let floor2 = floor * floor;
+    for i in 0..N {
+        // Squares order as norms do.
+        let (ours, theirs) = (ox[i] * ox[i] + oy[i] * oy[i], tx[i] * tx[i] + ty[i] * ty[i]);
+        let take = ours <= theirs;
+        ox[i] = if take { tx[i] } else { ox[i] };
+        oy[i] = if take { ty[i] } else { oy[i] };
+        let answer = if theirs >= floor2 { 1.0 } else { 0.0 };
+        mx[i] = larger(mx[i], answer);
+        my[i] = larger(my[i], answer);
+    }
+    (*own.0, *own.1, *mask.0, *mask.1) = (ox, oy, mx, my);
+}
+
 /// The larger; `a` where `b` is no number. One instruction, unlike `f32::max`.
+#[inline(always)]
 fn larger(a: f32, b: f32) -> f32 {
     if b > a { b } else { a }
 }
 
 /// The smaller; `a` where `b` is no number.
+#[inline(always)]
 fn smaller(a: f32, b: f32) -> f32 {
     if b < a { b } else { a }
 }
