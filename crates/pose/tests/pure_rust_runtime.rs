@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use pose::{
     Backend, Error, Estimator, ExecutionProvider, ImageView, LibraryCandidate, LibraryChoice, LibraryOrigin, Model,
-    Runtime, RuntimeOptions,
+    Region, RegionOptions, Runtime, RuntimeOptions, Stage,
 };
 
 fn fixture(name: &str) -> PathBuf {
@@ -112,6 +112,52 @@ fn a_card_of_another_shape_is_refused_with_both_shapes() {
 }
 
 #[test]
+fn an_answer_that_is_no_table_of_keypoints_is_refused_with_the_shape_of_one() {
+    let cases = [
+        ("movenet", "coco-17", "[movenet]\noutput = \"pcm\"", "[1, 1, 17, 3]"),
+        ("movenet-multi", "coco-17", "[movenet]\noutput = \"pcm\"", "[1, people, 56]"),
+        ("blazepose", "mediapipe-33", "[blazepose]\nlandmarks = \"pcm\"\npresence = \"paf\"", "[1, 195]"),
+    ];
+    for (kind, skeleton, section, shape) in cases {
+        let (_dir, loaded) = changed("good.onnx", |card| {
+            let input = card.split_once("[openpose]").unwrap().0;
+            let input = input.replace("\"openpose\"", &format!("\"{kind}\"")).replace("upper-limb-8", skeleton);
+            format!("{input}{section}\n")
+        });
+        let error = loaded.unwrap_err();
+        assert!(matches!(error, Error::WrongShape { .. }) && error.to_string().contains(shape), "{kind}: {error}");
+    }
+}
+
+/// Judge: the letterbox by hand. The tensor of 32 px shows 64 x 32 px in its middle half, two for one, so that the edges at 24
+/// and 16 px lie at 48 and 16 px; the centres of pixels are half a pixel before.
+#[test]
+fn keypoints_come_back_in_picture_coordinates() {
+    let model = Model::find(&fixture("bright.toml"), &[]).unwrap();
+    let mut estimator = Estimator::with_region(&model, &tract(), Region::Full, RegionOptions::default()).unwrap();
+    let pixels = vec![255; 64 * 32 * 3];
+    let people = estimator.estimate(ImageView::new(64, 32, &pixels).unwrap()).unwrap();
+    let last = people[0].keypoints[16].unwrap();
+    assert!((last.u_px - 47.5).abs() < 1e-4 && (last.v_px - 15.5).abs() < 1e-4, "{last:?}");
+    assert!((last.score - 0.5).abs() < 1e-4, "{last:?}");
+}
+
+#[test]
+fn a_person_is_followed_with_one_look_a_picture_until_a_reset() {
+    let mut estimator = load("bright.toml").unwrap();
+    let pixels = vec![255; 200 * 200 * 3];
+    let image = ImageView::new(200, 200, &pixels).unwrap();
+    for (picture, expected) in [3, 1, 1, 3].into_iter().enumerate() {
+        if picture == 3 {
+            estimator.reset();
+        }
+        let mut looks = 0;
+        estimator.estimate_observed(image, &mut |stage| looks += usize::from(stage == Stage::Network)).unwrap();
+        assert_eq!(looks, expected, "picture {picture}");
+    }
+}
+
+#[test]
 fn a_second_wish_conflicts_and_a_missing_provider_is_named() {
     tract();
     let wish = LibraryCandidate { path: PathBuf::from("/opt/libonnxruntime.so"), origin: LibraryOrigin::Explicit };
@@ -125,7 +171,9 @@ fn a_second_wish_conflicts_and_a_missing_provider_is_named() {
     assert!(error.to_string().contains("cuda") && error.to_string().contains("tract"), "{error}");
     // A fallback that is not there either is no fallback.
     let both = RuntimeOptions { fallback: Some(ExecutionProvider::OpenVino), ..cuda.clone() };
-    assert!(matches!(Runtime::load(both), Err(Error::Provider { provider: "cuda", .. })));
+    let error = Runtime::load(both).unwrap_err();
+    assert!(matches!(error, Error::Provider { provider: "cuda", .. }), "{error}");
+    assert!(error.to_string().contains("openvino"), "{error}");
     let runtime = Runtime::load(RuntimeOptions { fallback: Some(ExecutionProvider::Cpu), ..cuda }).unwrap();
     assert_eq!(runtime.info().active, ExecutionProvider::Cpu);
     assert!(runtime.info().to_string().contains("cpu instead of cuda"), "{}", runtime.info());
