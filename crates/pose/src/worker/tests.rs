@@ -159,3 +159,26 @@ fn options_outside_their_interval_are_refused() {
     assert!(WorkerTracker::new(WorkerOptions { min_margin: -1.0, ..o }).is_err());
     assert!(WorkerTracker::new(WorkerOptions { min_score: 2.0, ..o }).is_err());
 }
+
+/// Forty people on one spot have 40^6 matchings with six tracks; only those of six people are tried.
+#[test]
+fn a_dense_crowd_is_answered_as_six_people_are() {
+    let mut tracker = WorkerTracker::new(WorkerOptions::default()).unwrap();
+    let mut crowd: Vec<Person> = (1..40).map(|i| person(130.0 + f64::from(i), 100.0, 60.0)).collect();
+    crowd.push(person(100.0, 100.0, 70.0));
+    assert_eq!(tracker.update(ms(0), &crowd), WorkerUpdate::Found(39));
+    assert_eq!(tracker.update(ms(33), &crowd), WorkerUpdate::Found(39));
+}
+
+#[test]
+fn in_a_crowd_too_the_order_of_the_list_does_not_matter() {
+    let bystanders: Vec<Person> = (0..9).map(|i| person(200.0 * f64::from(i), 100.0, 60.0)).collect();
+    let worker = person(900.0, 300.0, 50.0);
+    let choice = WorkerChoice::Nearest { u_px: 900.0, v_px: 310.0 };
+    let mut tracker = WorkerTracker::new(WorkerOptions { choice, ..Default::default() }).unwrap();
+    for (picture, place) in [9, 0, 9, 4].into_iter().enumerate() {
+        let mut people = bystanders.clone();
+        people.insert(place, worker.clone());
+        assert_eq!(tracker.update(ms(33 * picture as u64), &people), WorkerUpdate::Found(place));
+    }
+}
