@@ -75,6 +75,17 @@ fn wrong_lengths_and_nan_are_refused() {
     assert!(params.evaluate(std::slice::from_ref(&label), &[short]).is_err());
     let nan = DetectedPose { score: f64::NAN, ..found.clone() };
     assert!(params.evaluate(std::slice::from_ref(&label), &[nan]).is_err());
+    for (i, value) in [(0, f64::NAN), (1, f64::INFINITY)] {
+        let mut label = label.clone();
+        label.keypoints[3][i] = value;
+        assert!(params.evaluate(&[label], std::slice::from_ref(&found)).is_err());
+    }
+    let no_area = LabelledPose { area_px2: f64::NAN, ..label.clone() };
+    assert!(params.evaluate(&[no_area], std::slice::from_ref(&found)).is_err());
+    for (keypoints, visibility) in [(Some(vec![3, 17]), None), (None, Some(0)), (None, Some(3))] {
+        let beyond = OksParams { subset: Subset { keypoints, visibility }, ..OksParams::default() };
+        assert!(beyond.evaluate(std::slice::from_ref(&label), std::slice::from_ref(&found)).is_err());
+    }
     let wrong = OksParams { sigmas: vec![0.0; 17], ..OksParams::default() };
     assert!(wrong.evaluate(&[label], &[found]).is_err());
 }
