@@ -12,12 +12,12 @@
 //!    lie where the other arm's joint is expected instead of its own;
 //! 3. **speed**: from the last accepted place it moved no faster than `max_speed`, beyond noise;
 //! 4. **limb length**: upper arm and forearm are no longer than `max_stretch` times the longest seen of late. (A limb
-//!    may look arbitrarily short; it points at the camera then.)
+//!    may look arbitrarily short; it points at the camera then.) From a joint that is lost nothing is measured.
 //!
 //! Where both sides are swapped, each filter is moved by the keypoint of the other label; the joint still counts as
 //! inferred. A joint without an accepted keypoint is [`ArmJoint::Inferred`] from its motion for at most `max_inferred`, with a
-//! growing sigma and a falling probability, and [`ArmJoint::Lost`] after that. A joint that is lost, or is refused for
-//! `max_inferred` on end, is taken up again where the network sees it in two consecutive pictures.
+//! growing sigma and a falling probability, and [`ArmJoint::Lost`] after that. A joint that was never seen, is lost, or is
+//! refused for `max_inferred` on end, and does not pass, is taken up where the network sees it in two consecutive pictures.
 //!
 //! Lengths and speeds are relative to the arm: `reach` is the longest of upper arm and forearm seen of late, in pixels.
 //! Lag of the result: none at constant speed (the filter has position and speed); see [`OneEuro`](crate::OneEuro) for the
@@ -262,7 +262,7 @@ impl ArmGate {
                 };
                 before = match (verdict, sights[a][j]) {
                     (None, Sight::At { u_px, v_px, .. }) => Some((u_px, v_px)),
-                    _ => own.place(),
+                    _ => own.known_place(now, self.options.max_inferred),
                 };
                 verdicts[a][j] = verdict;
             }

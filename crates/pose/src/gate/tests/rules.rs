@@ -221,3 +221,37 @@ fn smoothing_trails_by_its_stated_lag_and_starts_anew_with_the_joint() {
     let wrist = gate.update(time(44), Some(&at(&moved(3000.0)))).wrist;
     assert!(wrist.is_measured() && (u_px(wrist) - 3100.0).abs() < 1e-6, "{wrist:?}");
 }
+
+#[test]
+fn a_first_sight_too_far_from_its_elbow_is_believed_when_it_is_repeated() {
+    let thrown = || at(&with_wrist((100.0, 900.0)));
+    let mut without = at(&ARMS);
+    without.keypoints[4] = None;
+    let unseen = || {
+        let mut gate = ArmGate::new(Side::Right, GateOptions::default()).unwrap();
+        for i in 0..30 {
+            assert_eq!(gate.update(time(i), Some(&without)).wrist, ArmJoint::Lost);
+        }
+        gate
+    };
+    let mut gate = unseen();
+    assert_eq!(gate.update(time(30), Some(&thrown())).wrist, ArmJoint::Lost);
+    assert_eq!(gate.refusal(Part::RightWrist), Some(Refusal::LimbTooLong));
+    // Thrown once only: the true wrist is believed at once.
+    assert!(gate.update(time(31), Some(&at(&ARMS))).wrist.is_measured());
+    let mut gate = unseen();
+    gate.update(time(30), Some(&thrown()));
+    assert!(gate.update(time(31), Some(&thrown())).wrist.is_measured());
+}
+
+#[test]
+fn a_wrist_is_not_measured_from_where_the_elbow_was_lost() {
+    let mut gate = settled(GateOptions::default());
+    // The arm moves 600 px in three seconds with the elbow covered.
+    for i in 30..130 {
+        let mut seen = at(&moved(6.0 * (i - 29) as f64));
+        seen.keypoints[3] = None;
+        let arm = gate.update(time(i), Some(&seen));
+        assert!(arm.wrist.is_measured(), "picture {i}: {:?}", gate.refusal(Part::RightWrist));
+    }
+}
