@@ -129,6 +129,18 @@ fn an_answer_that_is_no_table_of_keypoints_is_refused_with_the_shape_of_one() {
     }
 }
 
+/// A wide picture keeps the area of 32 x 32 px in 7 x 2 cells of 8 px, of which there are at least four; a square one is 32 px.
+#[test]
+fn a_network_for_any_size_gets_the_shape_of_the_picture() {
+    let mut estimator = load("open.toml").unwrap();
+    for (width, height, scale) in [(96, 32, 96.0 / 56.0), (64, 64, 2.0), (96, 32, 96.0 / 56.0)] {
+        let pixels = vec![90; width * height * 3];
+        assert!(estimator.estimate(ImageView::new(width, height, &pixels).unwrap()).unwrap().is_empty());
+        let crop = estimator.last_crop().unwrap();
+        assert!((crop.scale - scale).abs() < 1e-5, "{crop:?}");
+    }
+}
+
 /// Judge: the letterbox by hand. The tensor of 32 px shows 64 x 32 px in its middle half, two for one, so that the edges at 24
 /// and 16 px lie at 48 and 16 px; the centres of pixels are half a pixel before.
 #[test]
