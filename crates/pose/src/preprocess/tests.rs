@@ -148,6 +148,19 @@ fn a_crop_far_outside_the_picture_is_all_padding() {
     assert!(data.iter().all(|v| v.to_bits() == 7.0_f32.to_bits()));
 }
 
+/// Closed forms: 100 px in the 192 px of the shorter side, and a third more in the longer one; 320 px in 256 px,
+/// of which a height of 180 px leaves 24 px above and below.
+#[test]
+fn a_square_fills_the_shorter_side_and_a_letterbox_shows_all() {
+    let map = CropMap::around(300.0, 200.0, 100.0, 256, 192);
+    let (left, top) = map.to_picture(-0.5, -0.5);
+    assert!((map.scale - 100.0 / 192.0).abs() < 1e-6);
+    assert!((left - (300.0 - 200.0 / 3.0)).abs() < 1e-4 && (top - 150.0).abs() < 1e-4, "{left} {top}");
+    let map = CropMap::letterbox(320, 180, 256, 192);
+    let (x, y) = map.to_tensor(-0.5, -0.5);
+    assert!((map.scale - 1.25).abs() < 1e-6 && (x + 0.5).abs() < 1e-4 && (y - 23.5).abs() < 1e-4, "{x} {y}");
+}
+
 #[test]
 fn row_padding_of_the_picture_is_not_read() {
     let tight: Vec<u8> = (0..20 * 16 * 3).map(|i| (i % 255) as u8).collect();

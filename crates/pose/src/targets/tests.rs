@@ -176,6 +176,7 @@ proptest! {
                     let from = if own > theirs { &base.paf } else { &paf_t };
                     prop_assert!((fused.paf[x] - from[x]).abs() <= 1e-6 && (fused.paf[y] - from[y]).abs() <= 1e-6);
                     prop_assert_eq!(fused.paf_mask[x] > 0.5, theirs >= 0.1 || base.paf_mask[x] > 0.5);
+                    prop_assert_eq!(fused.paf_mask[y] > 0.5, theirs >= 0.1 || base.paf_mask[y] > 0.5);
                 }
             }
         }

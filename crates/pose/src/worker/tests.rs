@@ -109,8 +109,30 @@ fn a_worker_who_left_is_replaced_only_after_the_coasting_time() {
     assert_eq!(tracker.update(ms(500), &stranger), WorkerUpdate::Absent);
     assert_eq!(tracker.update(ms(1500), &stranger), WorkerUpdate::Absent);
     assert_eq!(tracker.update(ms(1600), &stranger), WorkerUpdate::Found(0));
+    // After a reset the next person is the worker, wherever it is.
     tracker.reset();
-    assert_eq!(tracker.update(ms(0), &[]), WorkerUpdate::Absent);
+    assert_eq!(tracker.update(ms(0), &[person(900.0, 100.0, 60.0)]), WorkerUpdate::Found(0));
+}
+
+/// A seated worker behind a bench may show no more than head and arms.
+#[test]
+fn a_person_without_a_trunk_is_followed_by_neck_nose_and_extent() {
+    let only = |points: &[(Part, f32, f32)]| {
+        let mut person = Person { skeleton: Skeleton::OpenPose18, keypoints: vec![None; 18], score: 0.9 };
+        for (part, u_px, v_px) in points {
+            let i = Skeleton::OpenPose18.index_of(*part).unwrap();
+            person.keypoints[i] = Some(Keypoint { u_px: *u_px, v_px: *v_px, score: 0.9 });
+        }
+        person
+    };
+    let seated = only(&[(Part::Nose, 100.0, 40.0), (Part::Neck, 100.0, 60.0), (Part::RightWrist, 70.0, 120.0)]);
+    let choice = WorkerChoice::Nearest { u_px: 300.0, v_px: 40.0 };
+    let mut tracker = WorkerTracker::new(WorkerOptions { choice, ..Default::default() }).unwrap();
+    // A wrist alone has no middle of a trunk, a head in one point no size.
+    let wrist = only(&[(Part::RightWrist, 10.0, 10.0), (Part::RightElbow, 50.0, 10.0)]);
+    let dot = only(&[(Part::Nose, 300.0, 40.0), (Part::Neck, 300.0, 40.4)]);
+    assert_eq!(tracker.update(ms(0), &[wrist, dot, seated.clone()]), WorkerUpdate::Found(2));
+    assert_eq!(tracker.update(ms(33), &[seated]), WorkerUpdate::Found(0));
 }
 
 /// 20 px to either side of where the worker stood: only the size tells them apart, and one picture does not change the size.
@@ -181,4 +203,9 @@ fn in_a_crowd_too_the_order_of_the_list_does_not_matter() {
         people.insert(place, worker.clone());
         assert_eq!(tracker.update(ms(33 * picture as u64), &people), WorkerUpdate::Found(place));
     }
+    // Nor do nine larger people, once the worker is known.
+    let mut tracker = WorkerTracker::new(WorkerOptions::default()).unwrap();
+    assert_eq!(tracker.update(ms(0), std::slice::from_ref(&worker)), WorkerUpdate::Found(0));
+    let people: Vec<Person> = bystanders.into_iter().chain([worker]).collect();
+    assert_eq!(tracker.update(ms(33), &people), WorkerUpdate::Found(9));
 }
