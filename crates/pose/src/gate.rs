@@ -125,8 +125,8 @@ pub struct ArmGate {
 
 /// The reach forgets this share of itself per second, so that a worker who leans back is not measured by the past.
 const REACH_DECAY_PER_S: f64 = 0.05;
-/// A limb longer than the reach by less than `max_stretch` raises it by this share of the difference: one bad keypoint
-/// moves it little.
+/// A limb longer than the reach by less than `max_stretch`, or taken up, raises it by this share of the difference: one bad
+/// keypoint moves it little.
 const REACH_GAIN: f64 = 0.2;
 
 impl ArmGate {
@@ -164,6 +164,7 @@ impl ArmGate {
                     self.joints[a][j].absorb(seen, verdicts[a][j], now, &self.options, reach_px);
                 }
             }
+            self.reach_px = Some(self.believed_reach(&verdicts, reach_px));
         }
         self.arm(now, dt)
     }
@@ -221,6 +222,19 @@ impl ArmGate {
             }
         };
         self.reach_px
+    }
+
+    /// A limb that was too long and is taken up nonetheless raises the reach, or it would be refused again for ever.
+    fn believed_reach(&self, verdicts: &[[Option<Refusal>; 3]; 2], mut reach_px: f64) -> f64 {
+        for (arm, verdicts) in self.joints.iter().zip(verdicts) {
+            for j in (1..3).filter(|j| verdicts[*j] == Some(Refusal::LimbTooLong) && arm[*j].refusal().is_none()) {
+                if let (Some(from), Some(to)) = (arm[j - 1].place(), arm[j].place()) {
+                    let raised = reach_px + REACH_GAIN * ((to.0 - from.0).hypot(to.1 - from.1) - reach_px);
+                    reach_px = raised.clamp(reach_px, self.options.max_stretch * reach_px);
+                }
+            }
+        }
+        reach_px
     }
 
     fn advance(&mut self, dt: Duration, reach_px: f64) {
