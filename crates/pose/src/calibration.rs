@@ -135,6 +135,8 @@ mod tests {
         let p: Vec<f64> = scores.iter().map(|s| c.probability(*s)).collect();
         assert!(reliability(&p, &right, 10).1 < 0.005);
         assert!(reliability(&scores, &right, 10).1 > 0.05);
+        let (bins, error) = reliability(&[1.0, 0.0], &[true, false], 10);
+        assert!(bins.len() == 2 && error.abs() < 1e-12);
     }
 
     #[test]

@@ -93,12 +93,13 @@ fn a_corrupt_network_is_refused_by_hash_and_without_the_hash_by_the_parser() {
 
 #[test]
 fn a_card_of_another_shape_is_refused_with_both_shapes() {
-    let cases: [(&str, &str, &str); 6] = [
+    let cases: [(&str, &str, &str); 7] = [
         ("width = 32", "width = 64", "64"),
         ("name = \"image\"", "name = \"picture\"", "picture"),
         ("dtype = \"float32\"", "dtype = \"int32\"", "Int32"),
         ("output = \"paf\"", "output = \"fields\"", "fields"),
         ("stride = 8", "stride = 4", "at least 9 channels"),
+        ("\"paf\", channels = 14", "\"paf\", channels = 16", "at least 16 channels"),
         ("pad = 128", "pad = 128\ndynamic = true", "-1, -1"),
     ];
     for (from, to, said) in cases {
@@ -133,6 +134,7 @@ fn an_answer_that_is_no_table_of_keypoints_is_refused_with_the_shape_of_one() {
 #[test]
 fn a_network_for_any_size_gets_the_shape_of_the_picture() {
     let mut estimator = load("open.toml").unwrap();
+    assert_eq!(estimator.last_crop(), None);
     for (width, height, scale) in [(96, 32, 96.0 / 56.0), (64, 64, 2.0), (96, 32, 96.0 / 56.0)] {
         let pixels = vec![90; width * height * 3];
         assert!(estimator.estimate(ImageView::new(width, height, &pixels).unwrap()).unwrap().is_empty());

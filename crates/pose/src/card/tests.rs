@@ -182,6 +182,10 @@ fn the_own_network_needs_no_file_and_matches_its_card() {
     assert_eq!(own, Model::default());
     assert!(matches!(own.weights, Weights::Embedded(_)));
     assert!(own.read_weights().unwrap().len() > 100_000);
+    assert_eq!(Model::find(Path::new("builtin:ogg-lite"), &[]).unwrap(), own);
+    let mut other = own;
+    other.card.sha256 = "0".repeat(64);
+    assert!(matches!(other.read_weights(), Err(Error::WrongHash { .. })));
 }
 
 #[test]

@@ -204,13 +204,14 @@ fn nothing_of_the_picture_before_is_left() {
     }
 }
 
-/// Judge: the definition, where a tensor pixel covers more rows and columns than the unrolled loops.
+/// Judge: the definition, where a tensor pixel covers more rows and columns than the unrolled loops, and where it covers less than
+/// one.
 #[test]
-fn a_strong_shrink_is_a_mean_too() {
+fn a_strong_shrink_and_an_enlargement_are_means_too() {
     let (w, h) = (230, 170);
     let image: Vec<u8> = (0..w * h * 3).map(|i| ((i * i) >> 5) as u8).collect();
-    for scale in [7.3, 8.0, 11.7] {
-        let map = CropMap { left_px: -5.3, top_px: 4.1, scale };
+    for (left_px, scale) in [(-5.3, 7.3), (-5.3, 8.0), (-5.3, 11.7), (40.3, 0.37), (-5.3, 0.9)] {
+        let map = CropMap { left_px, top_px: 4.1, scale };
         let mut preprocessor = Preprocessor::new(&InputSpec { pad: 200, ..spec(16, 16) });
         let data = floats(preprocessor.fill(ImageView::new(w, h, &image).unwrap(), map));
         for (i, got) in data.iter().enumerate() {
