@@ -146,6 +146,18 @@ fn the_worker_is_the_one_of_the_same_size() {
     assert_eq!(tracker.update(ms(66), &two), WorkerUpdate::Found(1));
 }
 
+/// The trunk of `person` is 1.2093 shoulder widths long, 72.6 px, and the largest cost is that of one such length.
+#[test]
+fn a_person_too_far_away_is_a_stranger_and_one_hardly_near_enough_leaves_it_open() {
+    for (cost, expected) in
+        [(0.7, WorkerUpdate::Found(0)), (0.95, WorkerUpdate::Ambiguous), (1.1, WorkerUpdate::Absent)]
+    {
+        let mut tracker = WorkerTracker::new(WorkerOptions::default()).unwrap();
+        tracker.update(ms(0), &[person(100.0, 100.0, 60.0)]);
+        assert_eq!(tracker.update(ms(33), &[person(100.0 + 72.56 * cost, 100.0, 60.0)]), expected, "{cost}");
+    }
+}
+
 #[test]
 fn a_person_of_weak_keypoints_is_nobody() {
     let mut tracker = WorkerTracker::new(WorkerOptions::default()).unwrap();
