@@ -257,9 +257,11 @@ fn a_first_sight_too_far_from_its_elbow_is_believed_when_it_is_repeated() {
     assert!(gate.update(time(31), Some(&at(&ARMS))).wrist.is_measured());
     let mut gate = unseen();
     gate.update(time(30), Some(&thrown()));
+    let before = gate.reach_px().unwrap();
     assert!(gate.update(time(31), Some(&thrown())).wrist.is_measured());
     // The reach believes no more of it than a limb may stretch.
-    assert!((gate.reach_px().unwrap() - 135.0).abs() < 0.5, "{:?}", gate.reach_px());
+    let most = 1.35 * before * (-0.05 * time(1).as_secs_f64()).exp();
+    assert!((gate.reach_px().unwrap() - most).abs() < 1e-6, "{:?} {most}", gate.reach_px());
 }
 
 #[test]
