@@ -164,7 +164,7 @@ impl ArmGate {
                     self.joints[a][j].absorb(seen, verdicts[a][j], now, &self.options, reach_px);
                 }
             }
-            self.reach_px = Some(self.believed_reach(&verdicts, reach_px));
+            self.reach_px = Some(self.believed_reach(verdicts, reach_px));
         }
         self.arm(now, dt)
     }
@@ -225,7 +225,7 @@ impl ArmGate {
     }
 
     /// A limb that was too long and is taken up nonetheless raises the reach, or it would be refused again for ever.
-    fn believed_reach(&self, verdicts: &[[Option<Refusal>; 3]; 2], mut reach_px: f64) -> f64 {
+    fn believed_reach(&self, verdicts: [[Option<Refusal>; 3]; 2], mut reach_px: f64) -> f64 {
         for (arm, verdicts) in self.joints.iter().zip(verdicts) {
             for j in (1..3).filter(|j| verdicts[*j] == Some(Refusal::LimbTooLong) && arm[*j].refusal().is_none()) {
                 if let (Some(from), Some(to)) = (arm[j - 1].place(), arm[j].place()) {
