@@ -171,8 +171,10 @@ fn a_picture_of_an_earlier_time_does_not_age_the_worker() {
     let mut tracker = WorkerTracker::new(WorkerOptions::default()).unwrap();
     let (worker, stranger) = ([person(100.0, 100.0, 60.0)], [person(500.0, 100.0, 60.0)]);
     tracker.update(ms(1000), &worker);
-    assert_eq!(tracker.update(ms(0), &worker), WorkerUpdate::Found(0));
+    // Twice the same time: no speed.
+    tracker.update(ms(1000), &worker);
     assert_eq!(tracker.update(ms(1033), &worker), WorkerUpdate::Found(0));
+    assert_eq!(tracker.update(ms(0), &worker), WorkerUpdate::Found(0));
     assert_eq!(tracker.update(ms(1600), &stranger), WorkerUpdate::Absent);
 }
 
