@@ -135,6 +135,8 @@ mod tests {
         let p: Vec<f64> = scores.iter().map(|s| c.probability(*s)).collect();
         assert!(reliability(&p, &right, 10).1 < 0.005);
         assert!(reliability(&scores, &right, 10).1 > 0.05);
+        let (bins, error) = reliability(&[1.0, 0.0], &[true, false], 10);
+        assert!(bins.len() == 2 && error.abs() < 1e-12);
     }
 
     #[test]
@@ -144,6 +146,15 @@ mod tests {
         let c = Calibration::fit(&[0.5; 4], &[true, true, true, false]).unwrap();
         // Nothing but the mean of Platt's targets explains equal scores: three of 4/5 and one of 1/3.
         assert!((c.probability(0.5) - 41.0 / 60.0).abs() < 1e-6, "{c:?}");
+        // Two scores are explained exactly: fifty of 1/52 and one of 2/3. Whole Newton steps would leave for infinity.
+        let (mut scores, mut right) = (vec![0.0; 50], vec![false; 50]);
+        scores.push(1.0);
+        right.push(true);
+        let c = Calibration::fit(&scores, &right).unwrap();
+        assert!(
+            (c.probability(0.0) - 1.0 / 52.0).abs() < 1e-6 && (c.probability(1.0) - 2.0 / 3.0).abs() < 1e-6,
+            "{c:?}"
+        );
         assert!(Calibration::fit(&[0.5], &[true]).is_err());
         assert!(Calibration::fit(&[f64::NAN, 0.1], &[true, false]).is_err());
         assert!(Calibration::fit(&[0.1, 0.1], &[true]).is_err());

@@ -13,10 +13,12 @@ use crate::{
 use crate::Error;
 
 mod region;
+mod track;
 
 pub use region::RegionOptions;
 
 use region::Tracker;
+use track::Sizes;
 
 /// A part of the work on one look at a picture, in the order in which they are done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -113,7 +115,11 @@ impl Estimator {
         let Some(mut tracker) = self.tracker.take() else {
             return self.look(image, self.letterbox(image), observe);
         };
-        let found = self.track(image, &mut tracker, observe);
+        let sizes = Sizes {
+            picture: (image.width(), image.height()),
+            tensor: (self.preprocessor.width(), self.preprocessor.height()),
+        };
+        let found = tracker.track(sizes, &mut |crop| self.look(image, crop, observe));
         self.tracker = Some(tracker);
         found
     }
@@ -138,59 +144,6 @@ impl Estimator {
     /// The part of the last picture that the network saw last.
     pub fn last_crop(&self) -> Option<CropMap> {
         self.last
-    }
-
-    fn track(
-        &mut self,
-        image: ImageView<'_>,
-        tracker: &mut Tracker,
-        observe: &mut dyn FnMut(Stage),
-    ) -> Result<Vec<Person>> {
-        let size = (self.preprocessor.width(), self.preprocessor.height());
-        if let Some(crop) = tracker.next_crop(size) {
-            let people = self.look(image, crop, observe)?;
-            if tracker.follow(&people) {
-                return Ok(people);
-            }
-        }
-        let mut people = self.search(image, tracker, size, observe)?;
-        // Each further look is at a crop that fits the person better.
-        for _ in 0..tracker.refinements() {
-            if !tracker.follow(&people) {
-                break;
-            }
-            let Some(crop) = tracker.next_crop(size) else { break };
-            let again = self.look(image, crop, observe)?;
-            if score(&again) < score(&people) {
-                break;
-            }
-            people = again;
-        }
-        if !tracker.follow(&people) {
-            tracker.forget();
-        }
-        Ok(people)
-    }
-
-    /// The whole picture, then parts of it until somebody is there.
-    fn search(
-        &mut self,
-        image: ImageView<'_>,
-        tracker: &Tracker,
-        size: (usize, usize),
-        observe: &mut dyn FnMut(Stage),
-    ) -> Result<Vec<Person>> {
-        let mut best = self.look(image, self.letterbox(image), observe)?;
-        if tracker.is_somebody(&best) {
-            return Ok(best);
-        }
-        for crop in tracker.search_crops(image.width(), image.height(), size) {
-            let people = self.look(image, crop, observe)?;
-            if score(&people) > score(&best) {
-                best = people;
-            }
-        }
-        Ok(best)
     }
 
     fn letterbox(&self, image: ImageView<'_>) -> CropMap {
@@ -262,10 +215,6 @@ impl Estimator {
         observe(Stage::Decode);
         Ok(people)
     }
-}
-
-fn score(people: &[Person]) -> f32 {
-    people.first().map_or(0.0, |p| p.score)
 }
 
 /// The maps of an output, if its shape is the tensor's over the stride; else what was expected.

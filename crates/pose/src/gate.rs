@@ -12,12 +12,12 @@
 //!    lie where the other arm's joint is expected instead of its own;
 //! 3. **speed**: from the last accepted place it moved no faster than `max_speed`, beyond noise;
 //! 4. **limb length**: upper arm and forearm are no longer than `max_stretch` times the longest seen of late. (A limb
-//!    may look arbitrarily short; it points at the camera then.)
+//!    may look arbitrarily short; it points at the camera then.) From a joint that is lost nothing is measured.
 //!
 //! Where both sides are swapped, each filter is moved by the keypoint of the other label; the joint still counts as
 //! inferred. A joint without an accepted keypoint is [`ArmJoint::Inferred`] from its motion for at most `max_inferred`, with a
-//! growing sigma and a falling probability, and [`ArmJoint::Lost`] after that. A joint that is lost, or is refused for
-//! `max_inferred` on end, is taken up again where the network sees it in two consecutive pictures.
+//! growing sigma and a falling probability, and [`ArmJoint::Lost`] after that. A joint that was never seen, is lost, or is
+//! refused for `max_inferred` on end, and does not pass, is taken up where the network sees it in two consecutive pictures.
 //!
 //! Lengths and speeds are relative to the arm: `reach` is the longest of upper arm and forearm seen of late, in pixels.
 //! Lag of the result: none at constant speed (the filter has position and speed); see [`OneEuro`](crate::OneEuro) for the
@@ -125,8 +125,8 @@ pub struct ArmGate {
 
 /// The reach forgets this share of itself per second, so that a worker who leans back is not measured by the past.
 const REACH_DECAY_PER_S: f64 = 0.05;
-/// A limb longer than the reach by less than `max_stretch` raises it by this share of the difference: one bad keypoint
-/// moves it little.
+/// A limb longer than the reach by less than `max_stretch`, or taken up, raises it by this share of the difference: one bad
+/// keypoint moves it little.
 const REACH_GAIN: f64 = 0.2;
 
 impl ArmGate {
@@ -164,6 +164,7 @@ impl ArmGate {
                     self.joints[a][j].absorb(seen, verdicts[a][j], now, &self.options, reach_px);
                 }
             }
+            self.reach_px = Some(self.believed_reach(verdicts, reach_px));
         }
         self.arm(now, dt)
     }
@@ -223,6 +224,19 @@ impl ArmGate {
         self.reach_px
     }
 
+    /// A limb that was too long and is taken up nonetheless raises the reach, or it would be refused again for ever.
+    fn believed_reach(&self, verdicts: [[Option<Refusal>; 3]; 2], mut reach_px: f64) -> f64 {
+        for (arm, verdicts) in self.joints.iter().zip(verdicts) {
+            for j in (1..3).filter(|j| verdicts[*j] == Some(Refusal::LimbTooLong) && arm[*j].refusal().is_none()) {
+                if let (Some(from), Some(to)) = (arm[j - 1].place(), arm[j].place()) {
+                    let raised = reach_px + REACH_GAIN * ((to.0 - from.0).hypot(to.1 - from.1) - reach_px);
+                    reach_px = raised.clamp(reach_px, self.options.max_stretch * reach_px);
+                }
+            }
+        }
+        reach_px
+    }
+
     fn advance(&mut self, dt: Duration, reach_px: f64) {
         for joint in self.joints.iter_mut().flatten() {
             joint.predict(dt.as_secs_f64(), self.options.acceleration * reach_px);
@@ -262,7 +276,7 @@ impl ArmGate {
                 };
                 before = match (verdict, sights[a][j]) {
                     (None, Sight::At { u_px, v_px, .. }) => Some((u_px, v_px)),
-                    _ => own.place(),
+                    _ => own.known_place(now, self.options.max_inferred),
                 };
                 verdicts[a][j] = verdict;
             }

@@ -63,3 +63,30 @@ impl<'a> ImageView<'a> {
         &self.data[start..start + self.width * 3]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_buffer_of_another_length_is_refused_with_both_lengths() {
+        let data = [0; 4 * 2 * 3 + 1];
+        for (width, height, given) in [(4, 2, 23), (4, 2, 25), (0, 2, 0), (4, 0, 0), (usize::MAX, 2, 24)] {
+            let error = ImageView::new(width, height, &data[..given]).unwrap_err();
+            assert!(matches!(error, Error::Image { got, .. } if got == given), "{error}");
+        }
+        assert!(ImageView::new(4, 2, &data[..24]).is_ok());
+    }
+
+    #[test]
+    fn rows_lie_a_stride_apart_and_the_last_needs_no_padding() {
+        let data: Vec<u8> = (0..13 + 6).collect();
+        let image = ImageView::with_stride(2, 2, 13, &data).unwrap();
+        assert_eq!((image.row(0), image.row(1)), (&data[..6], &data[13..19]));
+        assert!(ImageView::with_stride(2, 2, 13, &data[..18]).is_err());
+        assert!(ImageView::with_stride(2, 2, 5, &data).is_err());
+        for (width, height) in [(0, 2), (2, 0), (usize::MAX, 2)] {
+            assert!(ImageView::with_stride(width, height, 13, &data).is_err());
+        }
+    }
+}

@@ -184,11 +184,14 @@ impl Runtime {
         let active = match (is_there(requested), options.fallback) {
             (true, _) => requested,
             (false, Some(fallback)) if is_there(fallback) => fallback,
-            _ => {
+            (false, fallback) => {
                 return Err(Error::Provider {
                     provider: requested.name(),
                     backend: loaded.backend.to_string(),
-                    detail: "this library was built without it, and no fallback is named".to_owned(),
+                    detail: match fallback {
+                        Some(fallback) => format!("this library has neither it nor the fallback {fallback}"),
+                        None => "this library was built without it, and no fallback is named".to_owned(),
+                    },
                 });
             }
         };

@@ -127,7 +127,8 @@ pub struct WorkerTracker {
 const SPEED_GAIN: f64 = 0.3;
 /// Size is nearly constant; a tenth of a new value suppresses a network's jitter.
 const SIZE_GAIN: f64 = 0.1;
-/// More tracks than this are not kept; the matching is exact and grows fast.
+/// More tracks than this are not kept, and of more people those are looked at who are likeliest to be the worker; the
+/// matching is exact and grows fast.
 const MAX_TRACKS: usize = 6;
 
 impl WorkerTracker {
@@ -161,7 +162,10 @@ impl WorkerTracker {
         }
         let mut shapes: Vec<(usize, Shape)> =
             people.iter().enumerate().filter_map(|(i, p)| Some((i, shape(p, self.options.min_score)?))).collect();
-        shapes.truncate(MAX_TRACKS);
+        if shapes.len() > MAX_TRACKS {
+            shapes.sort_by(|a, b| self.remoteness(&a.1, now).total_cmp(&self.remoteness(&b.1, now)));
+            shapes.truncate(MAX_TRACKS);
+        }
 
         let costs: Vec<Vec<f64>> =
             self.tracks.iter().map(|t| shapes.iter().map(|(_, s)| cost(t, s, now)).collect()).collect();
@@ -212,14 +216,26 @@ impl WorkerTracker {
 
     fn first_choice(&self, now: Duration) -> Option<u64> {
         let here = self.tracks.iter().filter(|t| t.seen == now);
-        let chosen = match self.options.choice {
-            WorkerChoice::Largest => here.max_by(|a, b| a.shape.size.total_cmp(&b.shape.size)),
-            WorkerChoice::Nearest { u_px, v_px } => {
-                let distance = |t: &Track| (t.shape.u - f64::from(u_px)).hypot(t.shape.v - f64::from(v_px));
-                here.min_by(|a, b| distance(a).total_cmp(&distance(b)))
-            }
-        };
-        chosen.map(|t| t.id)
+        let remoteness = |t: &Track| self.options.choice.remoteness(&t.shape);
+        here.min_by(|a, b| remoteness(a).total_cmp(&remoteness(b))).map(|t| t.id)
+    }
+
+    /// How far a person is from being the worker; without a worker, from being chosen.
+    fn remoteness(&self, shape: &Shape, now: Duration) -> f64 {
+        match self.worker_index() {
+            Some(worker) => cost(&self.tracks[worker], shape, now),
+            None => self.options.choice.remoteness(shape),
+        }
+    }
+}
+
+impl WorkerChoice {
+    /// The smallest is chosen.
+    fn remoteness(self, shape: &Shape) -> f64 {
+        match self {
+            Self::Largest => -shape.size,
+            Self::Nearest { u_px, v_px } => (shape.u - f64::from(u_px)).hypot(shape.v - f64::from(v_px)),
+        }
     }
 }
 

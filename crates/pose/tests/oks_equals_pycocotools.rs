@@ -60,6 +60,34 @@ fn the_ten_numbers_are_those_of_pycocotools() {
     }
 }
 
+/// Two people labelled in one place, a small and a large one. The first detection is exactly both and takes the later label;
+/// what the second one is worth is its similarity to the label that is left.
+#[test]
+fn a_detection_that_is_equally_similar_to_two_labels_takes_the_later() {
+    let label = |area_px2: f64| LabelledPose {
+        image_id: 1,
+        keypoints: (0..17).map(|i| [f64::from(i) * 10.0, 50.0, 2.0]).collect(),
+        area_px2,
+        box_px: [0.0, 0.0, 170.0, 100.0],
+        is_crowd: false,
+    };
+    let found = |du: f64, score: f64| DetectedPose {
+        image_id: 1,
+        keypoints: (0..17).map(|i| [f64::from(i) * 10.0 + du, 50.0]).collect(),
+        score,
+    };
+    let params = OksParams::default();
+    let beside = found(10.0, 0.8);
+    let detections = [found(0.0, 0.9), beside.clone()];
+    let (small, large) = (label(8_000.0), label(200_000.0));
+    for labels in [[small.clone(), large.clone()], [large, small]] {
+        let left = params.similarity(&labels[0], &beside).unwrap();
+        let matched = (0..10).filter(|t| left >= 0.5 + 0.05 * f64::from(*t)).count() as f64;
+        let recall = params.evaluate(&labels, &detections).unwrap().ar.unwrap();
+        assert!((recall - (10.0 + matched) / 20.0).abs() < 1e-9, "{recall} {left}");
+    }
+}
+
 #[test]
 fn wrong_lengths_and_nan_are_refused() {
     let label = LabelledPose {
@@ -75,6 +103,17 @@ fn wrong_lengths_and_nan_are_refused() {
     assert!(params.evaluate(std::slice::from_ref(&label), &[short]).is_err());
     let nan = DetectedPose { score: f64::NAN, ..found.clone() };
     assert!(params.evaluate(std::slice::from_ref(&label), &[nan]).is_err());
+    for (i, value) in [(0, f64::NAN), (1, f64::INFINITY)] {
+        let mut label = label.clone();
+        label.keypoints[3][i] = value;
+        assert!(params.evaluate(&[label], std::slice::from_ref(&found)).is_err());
+    }
+    let no_area = LabelledPose { area_px2: f64::NAN, ..label.clone() };
+    assert!(params.evaluate(&[no_area], std::slice::from_ref(&found)).is_err());
+    for (keypoints, visibility) in [(Some(vec![3, 17]), None), (None, Some(0)), (None, Some(3))] {
+        let beyond = OksParams { subset: Subset { keypoints, visibility }, ..OksParams::default() };
+        assert!(beyond.evaluate(std::slice::from_ref(&label), std::slice::from_ref(&found)).is_err());
+    }
     let wrong = OksParams { sigmas: vec![0.0; 17], ..OksParams::default() };
     assert!(wrong.evaluate(&[label], &[found]).is_err());
 }

@@ -88,8 +88,18 @@ fn an_unknown_key_is_refused_by_name_line_and_file() {
         let message = parse(&openpose.replace(of, &format!("{of}\n{key}"))).unwrap_err().to_string();
         assert!(message.contains(&key[..5]), "{message}");
     }
-    let message = parse(&openpose.replace("paf = [12, 13]", "paf = [12, 13], width = 2")).unwrap_err().to_string();
-    assert!(message.contains("width"), "{message}");
+    let cases = [
+        (openpose, "paf = [12, 13]", "paf = [12, 13], width = 2"),
+        (openpose, "channels = 19", "channels = 19, width = 2"),
+        (text("movenet-thunder"), "[movenet]", "[movenet]\nwidth = 2"),
+        (text("blazepose-full"), "[blazepose]", "[blazepose]\nwidth = 2"),
+        (openpose, "[about]", "[about]\nwidth = 2"),
+    ];
+    for (card, of, key) in cases {
+        assert!(card.contains(of), "{of}");
+        let message = parse(&card.replace(of, key)).unwrap_err().to_string();
+        assert!(message.contains("unknown field `width`"), "{message}");
+    }
 }
 
 #[test]
@@ -182,6 +192,10 @@ fn the_own_network_needs_no_file_and_matches_its_card() {
     assert_eq!(own, Model::default());
     assert!(matches!(own.weights, Weights::Embedded(_)));
     assert!(own.read_weights().unwrap().len() > 100_000);
+    assert_eq!(Model::find(Path::new("builtin:ogg-lite"), &[]).unwrap(), own);
+    let mut other = own;
+    other.card.sha256 = "0".repeat(64);
+    assert!(matches!(other.read_weights(), Err(Error::WrongHash { .. })));
 }
 
 #[test]

@@ -84,3 +84,59 @@ impl Body {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn joined(from: usize, to: usize, score: f32) -> Connection {
+        Connection { from, to, score, rank: score }
+    }
+
+    /// Candidates of these scores, for each part.
+    fn peaks(scores: &[&[f32]]) -> Vec<Vec<Peak>> {
+        scores.iter().map(|s| s.iter().map(|score| Peak { x: 0.0, y: 0.0, score: *score }).collect()).collect()
+    }
+
+    #[test]
+    fn two_bodies_without_a_common_part_become_one_with_the_limbs_and_the_evidence_of_both() {
+        let limbs = [[0, 1], [2, 3], [3, 4], [1, 2]];
+        let matched =
+            [vec![joined(0, 0, 0.5)], vec![joined(0, 0, 0.7)], vec![joined(0, 0, 0.1)], vec![joined(0, 0, 0.3)]];
+        let bodies = assemble(&peaks(&[&[0.9][..]; 5]), &limbs, &matched);
+        assert_eq!(bodies.len(), 1);
+        assert_eq!(bodies[0].parts, [Some(0); 5]);
+        assert!((bodies[0].limb_sum - 1.6).abs() < 1e-6, "{}", bodies[0].limb_sum);
+        let mut limbs: Vec<usize> = bodies[0].limbs.iter().map(|(limb, _)| *limb).collect();
+        limbs.sort_unstable();
+        assert_eq!(limbs, [0, 1, 2, 3]);
+    }
+
+    /// Both have part 0, so the limb from the one's part 1 to the other's part 2 is between two people.
+    #[test]
+    fn two_bodies_with_a_common_part_stay_two() {
+        let limbs = [[0, 1], [0, 2], [1, 2]];
+        let matched = [vec![joined(0, 0, 0.5)], vec![joined(1, 0, 0.5)], vec![joined(0, 0, 0.9)]];
+        let bodies = assemble(&peaks(&[&[0.9, 0.9], &[0.9], &[0.9]]), &limbs, &matched);
+        let parts: Vec<_> = bodies.into_iter().map(|b| b.parts).collect();
+        assert_eq!(parts, [vec![Some(0), Some(0), None], vec![Some(1), None, Some(0)]]);
+    }
+
+    #[test]
+    fn a_limb_that_closes_a_loop_starts_no_body() {
+        let limbs = [[0, 1], [1, 2], [0, 2]];
+        let matched = [vec![joined(0, 0, 0.5)], vec![joined(0, 0, 0.5)], vec![joined(1, 1, 0.9)]];
+        let bodies = assemble(&peaks(&[&[0.9, 0.9], &[0.9], &[0.9, 0.9]]), &limbs, &matched);
+        assert_eq!((bodies.len(), &bodies[0].parts[..]), (1, &[Some(0); 3][..]));
+    }
+
+    #[test]
+    fn a_part_that_is_there_gives_way_to_a_stronger_candidate_only() {
+        let limbs = [[0, 1], [1, 2], [0, 2]];
+        let matched = [vec![joined(0, 0, 0.5)], vec![joined(0, 0, 0.5)], vec![joined(0, 1, 0.9)]];
+        for (other, kept) in [(0.4, 0), (0.6, 1)] {
+            let bodies = assemble(&peaks(&[&[0.9], &[0.9], &[0.5, other]]), &limbs, &matched);
+            assert_eq!(bodies[0].parts[2], Some(kept), "{other}");
+        }
+    }
+}

@@ -76,6 +76,7 @@ mod tests {
     fn movenet_rows_are_y_x_score_in_fractions_of_the_edges() {
         let mut values = vec![0.0; 51];
         values[30..33].copy_from_slice(&[0.25, 0.5, 0.9]);
+        values[33..36].copy_from_slice(&[0.25, 0.5, 0.09]);
         let person = movenet(&values, 256, 128, 0.1).unwrap();
         let wrist = person.get(Part::RightWrist).unwrap();
         assert_eq!((wrist.u_px, wrist.v_px, wrist.score), (127.5, 31.5, 0.9));
@@ -88,10 +89,30 @@ mod tests {
         let mut values = vec![0.0; 6 * 56];
         values[56 + 27..56 + 30].copy_from_slice(&[0.5, 0.5, 0.8]);
         values[56 + 55] = 0.7;
+        values[112 + 27..112 + 30].copy_from_slice(&[0.5, 0.5, 0.8]);
         values[112 + 55] = 0.1;
         let people = movenet_multi(&values, 256, 256, 0.1);
         assert_eq!(people.len(), 1);
         assert!(people[0].get(Part::LeftWrist).is_some());
+    }
+
+    #[test]
+    fn people_of_multipose_come_best_first_and_not_without_a_keypoint() {
+        let mut values = vec![0.0; 6 * 56];
+        for (row, score) in [(0, 0.6), (1, 0.9), (2, 0.7)] {
+            values[row * 56 + 55] = score;
+            if row != 2 {
+                values[row * 56 + 29] = 0.8;
+            }
+        }
+        let scores: Vec<f32> = movenet_multi(&values, 256, 256, 0.1).iter().map(|p| p.score).collect();
+        assert_eq!(scores, [0.9, 0.6]);
+    }
+
+    #[test]
+    fn the_six_points_that_only_help_blazepose_are_no_keypoints() {
+        let values: Vec<f32> = (0..39).flat_map(|i| [i as f32, 0.0, 0.0, 3.0, 3.0]).collect();
+        assert_eq!(blazepose(&values, 0.9, 0.1).unwrap().keypoints.len(), 33);
     }
 
     #[test]

@@ -125,5 +125,8 @@ mod tests {
         assert_eq!((peaks.len(), peaks[0].x.to_bits()), (1, 0.0_f32.to_bits()));
         find(&[0.05; 12], 4, 3, 0.1, 10, &mut peaks);
         assert!(peaks.is_empty());
+        // Below the least value that has a logarithm all is flat.
+        find(&[0.0, 5e-4, 2e-4], 3, 1, 1e-4, 10, &mut peaks);
+        assert_eq!((peaks.len(), peaks[0].x.to_bits()), (1, 1.0_f32.to_bits()));
     }
 }

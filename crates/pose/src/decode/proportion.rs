@@ -60,3 +60,59 @@ pub(crate) fn misfit(
     }
     None
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The limb that is found too long in a body of limbs of one typical length, and of these lengths in cells.
+    fn misfit_of(lengths: &[f32]) -> Option<usize> {
+        let limb = |i| (i, Connection { from: 0, to: 0, score: 1.0, rank: 1.0 });
+        let body = Body { parts: Vec::new(), limb_sum: 1.0, limbs: (0..lengths.len()).map(limb).collect() };
+        let typical = vec![Some(0.3); lengths.len()];
+        misfit(&[body], &typical, |i, _| lengths[i]).map(|(i, _)| i)
+    }
+
+    #[test]
+    fn a_limb_is_too_long_from_three_times_the_longest_other_and_two_cells_on() {
+        assert_eq!(misfit_of(&[10.0, 9.0, 33.0, 4.0]), Some(2));
+        assert_eq!(misfit_of(&[10.0, 9.0, 31.0, 4.0]), None);
+        // Three limbs do not say which of them is wrong, and limbs of no length say nothing.
+        assert_eq!(misfit_of(&[10.0, 9.0, 90.0]), None);
+        assert_eq!(misfit_of(&[0.0, 0.0, 90.0, 0.0]), None);
+    }
+
+    #[test]
+    fn limbs_are_compared_in_the_lengths_that_they_have_in_a_human() {
+        let limb = |i| (i, Connection { from: 0, to: 0, score: 1.0, rank: 1.0 });
+        let body = Body { parts: Vec::new(), limb_sum: 1.0, limbs: (0..4).map(limb).collect() };
+        // An upper arm that is long for the eyes beside it; without a typical length nothing is known.
+        let (arm, eye) = (typical_m(Part::LeftShoulder, Part::LeftElbow), typical_m(Part::Nose, Part::LeftEye));
+        let length = |i: usize, _: &Connection| if i == 0 { 33.0 } else { 5.0 };
+        assert_eq!(misfit(std::slice::from_ref(&body), &[arm, eye, eye, eye], length), None);
+        assert_eq!(misfit(std::slice::from_ref(&body), &[arm; 4], length).map(|(i, _)| i), Some(0));
+        assert_eq!(misfit(&[body], &[None, arm, arm, arm], length), None);
+        assert_eq!(typical_m(Part::LeftWrist, Part::Nose), None);
+    }
+
+    /// Judge: the segments as fractions of the stature, 1.75 m, as Drillis and Contini give them.
+    #[test]
+    fn lengths_are_those_of_the_published_segments() {
+        let (half_shoulders, half_hips, trunk) = (0.129, 0.0955, 0.818 - 0.530_f32);
+        let pairs = [
+            (Part::Neck, Part::LeftShoulder, half_shoulders),
+            (Part::LeftShoulder, Part::RightShoulder, 2.0 * half_shoulders),
+            (Part::RightElbow, Part::RightShoulder, 0.186),
+            (Part::LeftElbow, Part::LeftWrist, 0.146),
+            (Part::Neck, Part::LeftHip, trunk.hypot(half_hips)),
+            (Part::RightShoulder, Part::RightHip, trunk),
+            (Part::LeftHip, Part::RightHip, 2.0 * half_hips),
+            (Part::LeftHip, Part::LeftKnee, 0.245),
+            (Part::LeftKnee, Part::LeftAnkle, 0.246),
+        ];
+        for (from, to, fraction) in pairs {
+            let typical = typical_m(from, to).unwrap();
+            assert!((typical - 1.75 * fraction).abs() < 0.02, "{from} {to}: {typical} {}", 1.75 * fraction);
+        }
+    }
+}

@@ -173,6 +173,12 @@ mod tests {
         for margin in [f32::NAN, 0.5, f32::INFINITY] {
             assert!(RegionOptions { margin, ..Default::default() }.validate().is_err());
         }
+        for min_side_px in [f32::NAN, 7.0, f32::INFINITY] {
+            assert!(RegionOptions { min_side_px, ..Default::default() }.validate().is_err());
+        }
+        for min_keypoint_score in [f32::NAN, -0.1, 1.1] {
+            assert!(RegionOptions { min_keypoint_score, ..Default::default() }.validate().is_err());
+        }
         assert!(RegionOptions::default().validate().is_ok());
     }
 
@@ -222,5 +228,13 @@ mod tests {
         let crops = tracker.search_crops(1920, 1080, (256, 256));
         let best = crops.iter().map(|c| 256.0 * c.scale).fold(f32::MAX, f32::min);
         assert!((best - 540.0).abs() < 1e-3, "{best} px");
+    }
+    #[test]
+    fn no_search_crop_is_smaller_than_the_least_side() {
+        let tracker = Tracker::new(RegionOptions::default());
+        // Of 100 px and half of it only the whole side is searched; of 60 px nothing.
+        let sides: Vec<f32> = tracker.search_crops(150, 100, (50, 50)).iter().map(|c| c.scale).collect();
+        assert_eq!(sides, [2.0, 2.0]);
+        assert!(tracker.search_crops(80, 60, (50, 50)).is_empty());
     }
 }

@@ -101,7 +101,7 @@ impl OksParams {
     ///
     /// # Errors
     /// [`Error::Length`] when a pose has another number of keypoints than there are sigmas, [`Error::Parameter`] when a
-    /// number is not finite or a sigma is not positive.
+    /// number is not finite, a sigma is not positive, or the subset names what no label has.
     pub fn evaluate(&self, labels: &[LabelledPose], detections: &[DetectedPose]) -> Result<OksSummary> {
         self.check(labels, detections)?;
         Ok(accumulate::summarise(self, labels, detections))
@@ -124,6 +124,9 @@ impl OksParams {
         }
         if let Some(index) = self.subset.keypoints.iter().flatten().find(|i| **i >= n) {
             return bad("subset.keypoints", "indices of sigmas", index.to_string());
+        }
+        if let Some(other) = self.subset.visibility.filter(|v| !(1..=2).contains(v)) {
+            return bad("subset.visibility", "1 or 2", other.to_string());
         }
         for label in labels {
             if label.keypoints.len() != n {

@@ -60,3 +60,36 @@ pub fn pck(
     }
     Ok(counts)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn share(truth: Option<[f64; 2]>, found: Option<[f64; 2]>) -> Option<f64> {
+        pck(&[vec![truth]], &[vec![found]], &[50.0], 0.1).unwrap()[0].share()
+    }
+
+    #[test]
+    fn a_keypoint_is_right_within_the_fraction_and_wrong_when_it_is_not_found() {
+        let truth = Some([10.0, 20.0]);
+        // 3, 4, 5: on the border of a tenth of 50 px.
+        assert_eq!(share(truth, Some([13.0, 24.0])), Some(1.0));
+        assert_eq!(share(truth, Some([13.0, 24.1])), Some(0.0));
+        assert_eq!(share(truth, None), Some(0.0));
+        assert_eq!(share(None, Some([10.0, 20.0])), None);
+    }
+
+    #[test]
+    fn rows_and_tables_of_another_length_are_refused_by_name() {
+        let (two, one) = (vec![Some([0.0, 0.0]); 2], vec![Some([0.0, 0.0])]);
+        let (twos, ones) = (std::slice::from_ref(&two), std::slice::from_ref(&one));
+        let refused = |truth: &[Vec<_>], found: &[Vec<_>], px: &[f64]| match pck(truth, found, px, 0.1) {
+            Err(Error::Length { what, .. }) => what,
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(refused(twos, ones, &[1.0]), "found row");
+        assert_eq!(refused(&[two.clone(), one.clone()], &[two.clone(), two.clone()], &[1.0; 2]), "truth row");
+        assert_eq!(refused(twos, &[], &[1.0]), "found");
+        assert_eq!(refused(twos, twos, &[]), "reference_px");
+    }
+}

@@ -51,7 +51,8 @@ impl Hampel {
         Ok(Self { window: VecDeque::with_capacity(length), length, lag, threshold_sigma, floor, sorted })
     }
 
-    /// Takes a sample; answers the one `lag` samples back (fewer in the beginning), and whether it was replaced.
+    /// Takes a sample; answers the one `lag` samples back (fewer in the beginning), and whether it was replaced. NaN is an
+    /// outlier.
     pub fn update(&mut self, x: f64) -> (f64, bool) {
         if self.window.len() == self.length {
             self.window.pop_front();
@@ -63,11 +64,8 @@ impl Hampel {
         }
         let middle = self.median(|v| v);
         let sigma = MAD_TO_SIGMA * self.median(|v| (v - middle).abs());
-        if (subject - middle).abs() > (self.threshold_sigma * sigma).max(self.floor) {
-            (middle, true)
-        } else {
-            (subject, false)
-        }
+        let is_near = (subject - middle).abs() <= (self.threshold_sigma * sigma).max(self.floor);
+        if is_near { (subject, false) } else { (middle, true) }
     }
 
     /// Lag at a sampling rate, s.
@@ -128,6 +126,10 @@ mod tests {
             }
             assert_eq!(filter.update(x).1, replaced, "{x}");
         }
+        // What is no number is an outlier too.
+        let mut filter = Hampel::new(5, 0, 3.0, 0.1).unwrap();
+        let out = [1.0, 1.1, 0.9, f64::NAN, 1.0].map(|x| filter.update(x));
+        assert_eq!(out[3..], [(1.05, true), (1.0, false)]);
         // A step is believed when it fills most of the window; after a reset at once.
         let mut filter = Hampel::new(3, 0, 3.0, 0.1).unwrap();
         for _ in 0..10 {

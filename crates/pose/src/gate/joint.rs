@@ -104,6 +104,11 @@ impl JointFilter {
         self.track.map(|t| t.place())
     }
 
+    /// The place, unless the joint is lost.
+    pub(super) fn known_place(&self, now: Duration, max_inferred: Duration) -> Option<(f64, f64)> {
+        self.track.filter(|t| now.saturating_sub(t.accepted_at) <= max_inferred).map(|t| t.place())
+    }
+
     pub(super) fn predict(&mut self, dt_s: f64, acceleration_px: f64) {
         let coasting = self.coasting;
         if let Some(track) = &mut self.track {
@@ -181,10 +186,14 @@ impl JointFilter {
             accepted_at: now,
             probability,
         };
+        let agrees = self.rival.is_some_and(|r| distance(r, at) < 0.5 * reach_px);
         let Some(track) = &mut self.track else {
-            self.refusal = None;
-            self.coasting = false;
-            self.track = Some(start);
+            // At first sight only the length of the limb can speak against it.
+            if verdict.is_none() || agrees {
+                self.begin(start);
+            } else {
+                self.rival = Some(at);
+            }
             return;
         };
         if verdict.is_none() {
@@ -197,14 +206,8 @@ impl JointFilter {
             return;
         }
         // Refused for so long that the track is worth nothing: believe two pictures that agree.
-        let stale = now.saturating_sub(track.accepted_at) > options.max_inferred;
-        let agrees = self.rival.is_some_and(|r| distance(r, at) < 0.5 * reach_px);
-        if stale && agrees {
-            self.track = Some(start);
-            self.refusal = None;
-            self.coasting = false;
-            self.rival = None;
-            self.smoothing.iter_mut().flatten().for_each(OneEuro::reset);
+        if agrees && now.saturating_sub(track.accepted_at) > options.max_inferred {
+            self.begin(start);
             return;
         }
         self.rival = Some(at);
@@ -215,6 +218,14 @@ impl JointFilter {
             track.v.update(v_px, sigma_px);
             self.coasting = false;
         }
+    }
+
+    fn begin(&mut self, track: Track) {
+        self.track = Some(track);
+        self.refusal = None;
+        self.coasting = false;
+        self.rival = None;
+        self.smoothing.iter_mut().flatten().for_each(OneEuro::reset);
     }
 
     pub(super) fn state(&mut self, now: Duration, dt: Duration, max_inferred: Duration) -> ArmJoint {

@@ -1,7 +1,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::{OneEuroParams, Skeleton};
+use crate::{Calibration, OneEuroParams, Skeleton};
 
 mod rules;
 
@@ -220,6 +220,11 @@ fn nan_options_are_refused() {
         GateOptions { max_stretch: 0.9, ..o },
         GateOptions { min_probability: f64::NAN, ..o },
         GateOptions { acceleration: f64::INFINITY, ..o },
+        GateOptions { swap_separation: -1.0, ..o },
+        GateOptions { max_stretch: f64::NAN, ..o },
+        GateOptions { calibration: Calibration { slope: 0.0, ..o.calibration }, ..o },
+        GateOptions { calibration: Calibration { intercept: f64::NAN, ..o.calibration }, ..o },
+        GateOptions { smoothing: Some(OneEuroParams { beta: f64::NAN, ..Default::default() }), ..o },
     ] {
         assert!(ArmGate::new(Side::Right, bad).is_err(), "{bad:?}");
     }

@@ -148,6 +148,19 @@ fn a_crop_far_outside_the_picture_is_all_padding() {
     assert!(data.iter().all(|v| v.to_bits() == 7.0_f32.to_bits()));
 }
 
+/// Closed forms: 100 px in the 192 px of the shorter side, and a third more in the longer one; 320 px in 256 px,
+/// of which a height of 180 px leaves 24 px above and below.
+#[test]
+fn a_square_fills_the_shorter_side_and_a_letterbox_shows_all() {
+    let map = CropMap::around(300.0, 200.0, 100.0, 256, 192);
+    let (left, top) = map.to_picture(-0.5, -0.5);
+    assert!((map.scale - 100.0 / 192.0).abs() < 1e-6);
+    assert!((left - (300.0 - 200.0 / 3.0)).abs() < 1e-4 && (top - 150.0).abs() < 1e-4, "{left} {top}");
+    let map = CropMap::letterbox(320, 180, 256, 192);
+    let (x, y) = map.to_tensor(-0.5, -0.5);
+    assert!((map.scale - 1.25).abs() < 1e-6 && (x + 0.5).abs() < 1e-4 && (y - 23.5).abs() < 1e-4, "{x} {y}");
+}
+
 #[test]
 fn row_padding_of_the_picture_is_not_read() {
     let tight: Vec<u8> = (0..20 * 16 * 3).map(|i| (i % 255) as u8).collect();
@@ -191,13 +204,14 @@ fn nothing_of_the_picture_before_is_left() {
     }
 }
 
-/// Judge: the definition, where a tensor pixel covers more rows and columns than the unrolled loops.
+/// Judge: the definition, where a tensor pixel covers more rows and columns than the unrolled loops, and where it covers less than
+/// one.
 #[test]
-fn a_strong_shrink_is_a_mean_too() {
+fn a_strong_shrink_and_an_enlargement_are_means_too() {
     let (w, h) = (230, 170);
     let image: Vec<u8> = (0..w * h * 3).map(|i| ((i * i) >> 5) as u8).collect();
-    for scale in [7.3, 8.0, 11.7] {
-        let map = CropMap { left_px: -5.3, top_px: 4.1, scale };
+    for (left_px, scale) in [(-5.3, 7.3), (-5.3, 8.0), (-5.3, 11.7), (40.3, 0.37), (-5.3, 0.9)] {
+        let map = CropMap { left_px, top_px: 4.1, scale };
         let mut preprocessor = Preprocessor::new(&InputSpec { pad: 200, ..spec(16, 16) });
         let data = floats(preprocessor.fill(ImageView::new(w, h, &image).unwrap(), map));
         for (i, got) in data.iter().enumerate() {

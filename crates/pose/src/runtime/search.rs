@@ -164,12 +164,14 @@ mod tests {
         let binary = dir.path().join("bin");
         let venv = dir.path().join("venv");
         let capi = venv.join("lib/python3.12/site-packages/onnxruntime/capi");
-        std::fs::create_dir_all(&binary).unwrap();
+        std::fs::create_dir_all(binary.join("lib")).unwrap();
         std::fs::create_dir_all(&capi).unwrap();
-        for name in ["libonnxruntime.so.1.9.0", "libonnxruntime.so.1.31.1", "libonnxruntime_providers_shared.so"] {
+        let others = ["libonnxruntime_providers_shared.so", "libonnxruntime.so.", "libonnxruntime.so.bak"];
+        for name in ["libonnxruntime.so.1.9.0", "libonnxruntime.so.1.31.1"].into_iter().chain(others) {
             std::fs::write(capi.join(name), b"").unwrap();
         }
         std::fs::write(binary.join("libonnxruntime.so"), b"").unwrap();
+        std::fs::write(binary.join("lib/libonnxruntime.so"), b"").unwrap();
         let python = python_site_packages(&venv);
         let found = onnxruntime_candidates(&LibrarySearch {
             explicit: Some(Path::new("/a")),
@@ -183,12 +185,13 @@ mod tests {
             PathBuf::from("/a"),
             PathBuf::from("/b"),
             binary.join("libonnxruntime.so"),
+            binary.join("lib/libonnxruntime.so"),
             capi.join("libonnxruntime.so.1.31.1"),
             capi.join("libonnxruntime.so.1.9.0"),
             PathBuf::from("libonnxruntime.so"),
         ];
         assert_eq!(paths, expected);
         let wishes: Vec<_> = found.iter().map(|c| c.origin.is_wish()).collect();
-        assert_eq!(wishes, [true, true, false, false, false, false]);
+        assert_eq!(wishes, [true, true, false, false, false, false, false]);
     }
 }

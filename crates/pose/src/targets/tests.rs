@@ -176,6 +176,7 @@ proptest! {
                     let from = if own > theirs { &base.paf } else { &paf_t };
                     prop_assert!((fused.paf[x] - from[x]).abs() <= 1e-6 && (fused.paf[y] - from[y]).abs() <= 1e-6);
                     prop_assert_eq!(fused.paf_mask[x] > 0.5, theirs >= 0.1 || base.paf_mask[x] > 0.5);
+                    prop_assert_eq!(fused.paf_mask[y] > 0.5, theirs >= 0.1 || base.paf_mask[y] > 0.5);
                 }
             }
         }
@@ -216,5 +217,30 @@ fn wrong_lengths_states_and_nan_are_refused_by_name() {
     assert!(plan.encode(&Labels { joints_px: &nan, states: &[2; 18], ..labels }).is_ok());
     let limb = Limb { from: Part::Nose, to: Part::LeftHeel, paf: [0, 1] };
     assert!(TargetParams::openpose(Skeleton::OpenPose18, vec![limb], 64, 64).validate().is_err());
-    assert!(TargetParams::openpose(Skeleton::OpenPose18, vec![], 60, 64).validate().is_err());
+}
+
+#[test]
+fn parameters_of_no_target_are_refused_by_name() {
+    let limb = |from, to, first| Limb { from, to, paf: [first, first + 1] };
+    let (upper, lower) = (limb(Part::RightShoulder, Part::RightElbow, 0), limb(Part::RightElbow, Part::RightWrist, 2));
+    let good = TargetParams::openpose(Skeleton::OpenPose18, vec![upper, lower], 64, 64);
+    assert!(good.clone().validate().is_ok());
+    let with_limbs = |limbs| TargetParams { limbs, ..good.clone() };
+    let cases = [
+        ("width", TargetParams { width: 60, ..good.clone() }),
+        ("width", TargetParams { width: 0, ..good.clone() }),
+        ("width", TargetParams { stride: 0, ..good.clone() }),
+        ("height", TargetParams { height: 60, ..good.clone() }),
+        ("sigma_px", TargetParams { sigma_px: 0.0, ..good.clone() }),
+        ("sigma_px", TargetParams { sigma_px: f32::NAN, ..good.clone() }),
+        ("half_width_px", TargetParams { half_width_px: -1.0, ..good.clone() }),
+        ("limbs", with_limbs(vec![])),
+        ("limbs.paf", with_limbs(vec![upper, Limb { paf: [0, 1], ..lower }])),
+        ("limbs.paf", with_limbs(vec![upper, Limb { paf: [4, 5], ..lower }])),
+        ("limbs.paf", with_limbs(vec![upper, Limb { paf: [3, 2], ..lower }])),
+    ];
+    for (expected, params) in cases {
+        let refused = params.clone().validate();
+        assert!(matches!(refused, Err(Error::Parameter { field, .. }) if field == expected), "{params:?}: {refused:?}");
+    }
 }

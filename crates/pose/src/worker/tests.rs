@@ -109,8 +109,30 @@ fn a_worker_who_left_is_replaced_only_after_the_coasting_time() {
     assert_eq!(tracker.update(ms(500), &stranger), WorkerUpdate::Absent);
     assert_eq!(tracker.update(ms(1500), &stranger), WorkerUpdate::Absent);
     assert_eq!(tracker.update(ms(1600), &stranger), WorkerUpdate::Found(0));
+    // After a reset the next person is the worker, wherever it is.
     tracker.reset();
-    assert_eq!(tracker.update(ms(0), &[]), WorkerUpdate::Absent);
+    assert_eq!(tracker.update(ms(0), &[person(900.0, 100.0, 60.0)]), WorkerUpdate::Found(0));
+}
+
+/// A seated worker behind a bench may show no more than head and arms.
+#[test]
+fn a_person_without_a_trunk_is_followed_by_neck_nose_and_extent() {
+    let only = |points: &[(Part, f32, f32)]| {
+        let mut person = Person { skeleton: Skeleton::OpenPose18, keypoints: vec![None; 18], score: 0.9 };
+        for (part, u_px, v_px) in points {
+            let i = Skeleton::OpenPose18.index_of(*part).unwrap();
+            person.keypoints[i] = Some(Keypoint { u_px: *u_px, v_px: *v_px, score: 0.9 });
+        }
+        person
+    };
+    let seated = only(&[(Part::Nose, 100.0, 40.0), (Part::Neck, 100.0, 60.0), (Part::RightWrist, 70.0, 120.0)]);
+    let choice = WorkerChoice::Nearest { u_px: 300.0, v_px: 40.0 };
+    let mut tracker = WorkerTracker::new(WorkerOptions { choice, ..Default::default() }).unwrap();
+    // A wrist alone has no middle of a trunk, a head in one point no size.
+    let wrist = only(&[(Part::RightWrist, 10.0, 10.0), (Part::RightElbow, 50.0, 10.0)]);
+    let dot = only(&[(Part::Nose, 300.0, 40.0), (Part::Neck, 300.0, 40.4)]);
+    assert_eq!(tracker.update(ms(0), &[wrist, dot, seated.clone()]), WorkerUpdate::Found(2));
+    assert_eq!(tracker.update(ms(33), &[seated]), WorkerUpdate::Found(0));
 }
 
 /// 20 px to either side of where the worker stood: only the size tells them apart, and one picture does not change the size.
@@ -122,6 +144,18 @@ fn the_worker_is_the_one_of_the_same_size() {
     assert_eq!(tracker.update(ms(33), &[person(100.0, 100.0, 108.0)]), WorkerUpdate::Found(0));
     let two = [person(120.0, 100.0, 108.0), person(80.0, 100.0, 60.0)];
     assert_eq!(tracker.update(ms(66), &two), WorkerUpdate::Found(1));
+}
+
+/// The trunk of `person` is 1.2093 shoulder widths long, 72.6 px, and the largest cost is that of one such length.
+#[test]
+fn a_person_too_far_away_is_a_stranger_and_one_hardly_near_enough_leaves_it_open() {
+    for (cost, expected) in
+        [(0.7, WorkerUpdate::Found(0)), (0.95, WorkerUpdate::Ambiguous), (1.1, WorkerUpdate::Absent)]
+    {
+        let mut tracker = WorkerTracker::new(WorkerOptions::default()).unwrap();
+        tracker.update(ms(0), &[person(100.0, 100.0, 60.0)]);
+        assert_eq!(tracker.update(ms(33), &[person(100.0 + 72.56 * cost, 100.0, 60.0)]), expected, "{cost}");
+    }
 }
 
 #[test]
@@ -137,6 +171,9 @@ fn a_picture_of_an_earlier_time_does_not_age_the_worker() {
     let mut tracker = WorkerTracker::new(WorkerOptions::default()).unwrap();
     let (worker, stranger) = ([person(100.0, 100.0, 60.0)], [person(500.0, 100.0, 60.0)]);
     tracker.update(ms(1000), &worker);
+    // Twice the same time: no speed.
+    tracker.update(ms(1000), &worker);
+    assert_eq!(tracker.update(ms(1033), &worker), WorkerUpdate::Found(0));
     assert_eq!(tracker.update(ms(0), &worker), WorkerUpdate::Found(0));
     assert_eq!(tracker.update(ms(1600), &stranger), WorkerUpdate::Absent);
 }
@@ -158,4 +195,32 @@ fn options_outside_their_interval_are_refused() {
     assert!(WorkerTracker::new(WorkerOptions { max_cost: f64::NAN, ..o }).is_err());
     assert!(WorkerTracker::new(WorkerOptions { min_margin: -1.0, ..o }).is_err());
     assert!(WorkerTracker::new(WorkerOptions { min_score: 2.0, ..o }).is_err());
+}
+
+/// Forty people on one spot have 40^6 matchings with six tracks; only those of six people are tried.
+#[test]
+fn a_dense_crowd_is_answered_as_six_people_are() {
+    let mut tracker = WorkerTracker::new(WorkerOptions::default()).unwrap();
+    let mut crowd: Vec<Person> = (1..40).map(|i| person(130.0 + f64::from(i), 100.0, 60.0)).collect();
+    crowd.push(person(100.0, 100.0, 70.0));
+    assert_eq!(tracker.update(ms(0), &crowd), WorkerUpdate::Found(39));
+    assert_eq!(tracker.update(ms(33), &crowd), WorkerUpdate::Found(39));
+}
+
+#[test]
+fn in_a_crowd_too_the_order_of_the_list_does_not_matter() {
+    let bystanders: Vec<Person> = (0..9).map(|i| person(200.0 * f64::from(i), 100.0, 60.0)).collect();
+    let worker = person(900.0, 300.0, 50.0);
+    let choice = WorkerChoice::Nearest { u_px: 900.0, v_px: 310.0 };
+    let mut tracker = WorkerTracker::new(WorkerOptions { choice, ..Default::default() }).unwrap();
+    for (picture, place) in [9, 0, 9, 4].into_iter().enumerate() {
+        let mut people = bystanders.clone();
+        people.insert(place, worker.clone());
+        assert_eq!(tracker.update(ms(33 * picture as u64), &people), WorkerUpdate::Found(place));
+    }
+    // Nor do nine larger people, once the worker is known.
+    let mut tracker = WorkerTracker::new(WorkerOptions::default()).unwrap();
+    assert_eq!(tracker.update(ms(0), std::slice::from_ref(&worker)), WorkerUpdate::Found(0));
+    let people: Vec<Person> = bystanders.into_iter().chain([worker]).collect();
+    assert_eq!(tracker.update(ms(33), &people), WorkerUpdate::Found(9));
 }

@@ -3,6 +3,8 @@ use proptest::prelude::*;
 use super::*;
 use crate::{Part, card::Model};
 
+mod rules;
+
 const W: usize = 60;
 const H: usize = 46;
 const STRIDE: f32 = 8.0;

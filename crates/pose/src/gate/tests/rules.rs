@@ -127,6 +127,22 @@ fn the_reach_rises_slowly_falls_by_itself_and_ignores_what_no_limb_is() {
     assert!((gate.reach_px().unwrap() - (before + 0.2 * (130.0 - before))).abs() < 0.3);
     gate.update(time(31), Some(&at(&with_wrist((100.0, 1200.0)))));
     assert!(gate.reach_px().unwrap() < before + 6.1);
+
+    // An arm in one point has a reach of a pixel, now and later.
+    let mut gate = ArmGate::new(Side::Right, GateOptions::default()).unwrap();
+    for seconds in [0, 10] {
+        gate.update(Duration::from_secs(seconds), Some(&at(&[[(100.0, 100.0); 3]; 2])));
+        assert!((gate.reach_px().unwrap() - 1.0).abs() < 1e-12);
+    }
+}
+
+#[test]
+fn a_joint_whose_label_lies_on_the_other_arm_does_not_follow_what_the_other_arm_keeps() {
+    let mut gate = settled(GateOptions::default());
+    let wrist = gate.update(time(30), Some(&at(&with_wrist((138.0, 300.0))))).wrist;
+    assert_eq!((gate.refusal(Part::RightWrist), gate.refusal(Part::LeftWrist)), (Some(Refusal::Swapped), None));
+    assert!(!wrist.is_measured() && (u_px(wrist) - 100.0).abs() < 1.0, "{wrist:?}");
+    assert_eq!(gate.refusal(Part::Nose), Some(Refusal::NotSeen));
 }
 
 #[test]
@@ -220,4 +236,59 @@ fn smoothing_trails_by_its_stated_lag_and_starts_anew_with_the_joint() {
     gate.update(time(43), Some(&at(&moved(3000.0))));
     let wrist = gate.update(time(44), Some(&at(&moved(3000.0)))).wrist;
     assert!(wrist.is_measured() && (u_px(wrist) - 3100.0).abs() < 1e-6, "{wrist:?}");
+}
+
+#[test]
+fn a_first_sight_too_far_from_its_elbow_is_believed_when_it_is_repeated() {
+    let thrown = || at(&with_wrist((100.0, 900.0)));
+    let mut without = at(&ARMS);
+    without.keypoints[4] = None;
+    let unseen = || {
+        let mut gate = ArmGate::new(Side::Right, GateOptions::default()).unwrap();
+        for i in 0..30 {
+            assert_eq!(gate.update(time(i), Some(&without)).wrist, ArmJoint::Lost);
+        }
+        gate
+    };
+    let mut gate = unseen();
+    assert_eq!(gate.update(time(30), Some(&thrown())).wrist, ArmJoint::Lost);
+    assert_eq!(gate.refusal(Part::RightWrist), Some(Refusal::LimbTooLong));
+    // Thrown once only: the true wrist is believed at once.
+    assert!(gate.update(time(31), Some(&at(&ARMS))).wrist.is_measured());
+    let mut gate = unseen();
+    gate.update(time(30), Some(&thrown()));
+    let before = gate.reach_px().unwrap();
+    assert!(gate.update(time(31), Some(&thrown())).wrist.is_measured());
+    // The reach believes no more of it than a limb may stretch.
+    let most = 1.35 * before * (-0.05 * time(1).as_secs_f64()).exp();
+    assert!((gate.reach_px().unwrap() - most).abs() < 1e-6, "{:?} {most}", gate.reach_px());
+}
+
+#[test]
+fn a_wrist_is_not_measured_from_where_the_elbow_was_lost() {
+    let mut gate = settled(GateOptions::default());
+    // The arm moves 600 px in three seconds with the elbow covered.
+    for i in 30..130 {
+        let mut seen = at(&moved(6.0 * (i - 29) as f64));
+        seen.keypoints[3] = None;
+        let arm = gate.update(time(i), Some(&seen));
+        assert!(arm.wrist.is_measured(), "picture {i}: {:?}", gate.refusal(Part::RightWrist));
+    }
+}
+
+#[test]
+fn a_worker_who_comes_back_larger_than_any_limb_may_stretch_is_measured_again() {
+    let far = ARMS.map(|arm| arm.map(|(u, v)| (0.4 * u, 0.4 * v)));
+    let mut gate = ArmGate::new(Side::Right, GateOptions::default()).unwrap();
+    for i in 0..30 {
+        gate.update(time(i), Some(&at(&far)));
+    }
+    for i in 30..70 {
+        gate.update(time(i), None);
+    }
+    for i in 70..220 {
+        let arm = gate.update(time(i), Some(&at(&ARMS)));
+        assert!(i < 150 || arm.joints().iter().all(ArmJoint::is_measured), "picture {i}: {arm:?}");
+    }
+    assert!((gate.reach_px().unwrap() - 100.0).abs() < 2.0, "{:?}", gate.reach_px());
 }

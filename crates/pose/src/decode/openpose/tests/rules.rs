@@ -1,0 +1,110 @@
+//! Each rule alone, on a person drawn by definition or on peaks put by hand.
+
+use super::*;
+
+const RIGHT_WRIST: usize = 4;
+const LEFT_WRIST: usize = 7;
+
+fn view<'a>(data: &'a [f32], spec: &crate::card::MapSpec) -> MapView<'a> {
+    MapView { data, layout: Layout::Nchw, channels: spec.channels, first: 0, width: W, height: H }
+}
+
+fn decode_with(scene: &Scene, min_score: f32) -> Vec<Person> {
+    let spec = spec();
+    let mut decoder = OpenPoseDecoder::new(Skeleton::OpenPose18, &spec, min_score);
+    decoder.decode(view(&scene.pcm, &spec.pcm), view(&scene.paf, &spec.paf))
+}
+
+fn drawn(people: &[Vec<(f32, f32)>]) -> Scene {
+    draw(people, &spec(), Skeleton::OpenPose18, Layout::Nchw)
+}
+
+fn scale_part(scene: &mut Scene, part: usize, gain: f32) {
+    scene.pcm[part * W * H..(part + 1) * W * H].iter_mut().for_each(|cell| *cell *= gain);
+}
+
+#[test]
+fn a_weak_keypoint_is_left_out_of_its_person_and_none_scores_above_1() {
+    let mut scene = drawn(&[body(30.0, 10.0)]);
+    scale_part(&mut scene, RIGHT_WRIST, 0.4);
+    scale_part(&mut scene, LEFT_WRIST, 3.0);
+    let people = decode_with(&scene, 0.5);
+    assert_eq!(people.len(), 1);
+    assert_eq!(people[0].keypoints.iter().flatten().count(), 17);
+    assert_eq!(people[0].get(Part::RightWrist), None);
+    assert!((people[0].get(Part::LeftWrist).unwrap().score - 1.0).abs() < 1e-6);
+    assert!(decode_with(&scene, 0.2)[0].get(Part::RightWrist).is_some());
+}
+
+/// The first limb is matched best first, so the person with the strong neck is assembled first.
+#[test]
+fn people_are_listed_by_the_mean_of_their_keypoints() {
+    let mut scene = drawn(&[body(12.0, 8.0), body(40.0, 8.0)]);
+    for part in 0..18 {
+        let is_first_limb = (1..3).contains(&part);
+        for (cell, value) in scene.pcm[part * W * H..][..W * H].iter_mut().enumerate() {
+            let is_left = cell % W < W / 2;
+            *value *= if is_left == is_first_limb { 0.9 } else { 0.6 };
+        }
+    }
+    let people = decode_with(&scene, 0.1);
+    assert_eq!(people.len(), 2);
+    assert!(people[0].score > people[1].score + 0.1, "{} {}", people[0].score, people[1].score);
+    assert!(people[0].get(Part::Neck).unwrap().u_px > people[1].get(Part::Neck).unwrap().u_px);
+}
+
+#[test]
+fn maps_in_the_middle_of_one_tensor_are_the_same_maps() {
+    let spec = spec();
+    let expected = decode_with(&drawn(&[body(20.0, 10.0)]), 0.1);
+    let (before, between) = (2, 1);
+    let fields = before + spec.pcm.channels + between;
+    let channels = fields + spec.paf.channels;
+    for layout in [Layout::Nchw, Layout::Nhwc] {
+        let scene = drawn(&[body(20.0, 10.0)]);
+        let mut data = vec![0.7; channels * W * H];
+        for (first, maps) in [(before, &scene.pcm), (fields, &scene.paf)] {
+            for (i, value) in maps.iter().enumerate() {
+                let (channel, cell) = (first + i / (W * H), i % (W * H));
+                match layout {
+                    Layout::Nchw => data[channel * W * H + cell] = *value,
+                    Layout::Nhwc => data[cell * channels + channel] = *value,
+                }
+            }
+        }
+        let block = |first| MapView { data: &data, layout, channels, first, width: W, height: H };
+        let mut decoder = OpenPoseDecoder::new(Skeleton::OpenPose18, &spec, 0.1);
+        assert_eq!(decoder.decode(block(before), block(fields)), expected, "{layout:?}");
+    }
+}
+
+/// Joins one neck and one shoulder through a constant field; the score of the limb.
+fn joined_through(field: [f32; 2], neck: (f32, f32), shoulder: (f32, f32)) -> Option<f32> {
+    let data: Vec<f32> = field.iter().flat_map(|v| vec![*v; W * H]).collect();
+    let maps = MapView { data: &data, layout: Layout::Nchw, channels: 2, first: 0, width: W, height: H };
+    let mut decoder = OpenPoseDecoder::new(Skeleton::OpenPose18, &spec(), 0.1);
+    decoder.peaks[1] = vec![Peak { x: neck.0, y: neck.1, score: 0.9 }];
+    decoder.peaks[2] = vec![Peak { x: shoulder.0, y: shoulder.1, score: 0.9 }];
+    let matched = decoder.connect(Field { maps, channels: [0, 1] }, 1, 2, H);
+    matched.first().map(|c| c.score)
+}
+
+#[test]
+fn two_parts_in_one_place_are_a_limb_where_the_field_is_strong() {
+    let place = (20.0, 20.0);
+    let score = joined_through([0.3, -0.4], place, place).unwrap();
+    assert!((score - 0.5).abs() < 1e-6, "{score}");
+    assert_eq!(joined_through([0.03, 0.0], place, place), None);
+}
+
+#[test]
+fn a_limb_longer_than_half_the_map_is_penalised_and_one_against_the_field_is_none() {
+    // 40 of 46 rows: 0.9 + 23 / 40 - 1.
+    let score = joined_through([0.9, 0.0], (5.0, 20.0), (45.0, 20.0)).unwrap();
+    assert!((score - (0.9 + 23.0 / 40.0 - 1.0)).abs() < 1e-5, "{score}");
+    let score = joined_through([0.9, 0.0], (5.0, 20.0), (15.0, 20.0)).unwrap();
+    assert!((score - 0.9).abs() < 1e-5, "{score}");
+    assert_eq!(joined_through([0.9, 0.0], (15.0, 20.0), (5.0, 20.0)), None);
+    // Supported, but the penalty leaves nothing.
+    assert_eq!(joined_through([0.2, 0.0], (5.0, 20.0), (45.0, 20.0)), None);
+}
