@@ -87,26 +87,24 @@ pub(super) fn field(own: &mut [f32], mask: &mut [f32], teacher: &[f32], floor: f
     let ((mx, mx_rest), (my, my_rest)) = (mask.0.as_chunks_mut(), mask.1.as_chunks_mut());
     let ((tx, tx_rest), (ty, ty_rest)) = (teacher.0.as_chunks(), teacher.1.as_chunks());
     for (((ox, oy), (mx, my)), (tx, ty)) in ox.iter_mut().zip(oy).zip(mx.iter_mut().zip(my)).zip(tx.iter().zip(ty)) {
-        vectors::<LANES>((ox, oy), (mx, my), (tx, ty), floor);
+        ([*ox, *oy], [*mx, *my]) = vectors::<LANES>([*ox, *oy], [*mx, *my], [*tx, *ty], floor);
     }
-    let ((ox, _), (oy, _)) = (ox_rest.as_chunks_mut(), oy_rest.as_chunks_mut());
-    let ((mx, _), (my, _)) = (mx_rest.as_chunks_mut(), my_rest.as_chunks_mut());
-    let ((tx, _), (ty, _)) = (tx_rest.as_chunks(), ty_rest.as_chunks());
-    for (((ox, oy), (mx, my)), (tx, ty)) in ox.iter_mut().zip(oy).zip(mx.iter_mut().zip(my)).zip(tx.iter().zip(ty)) {
-        vectors::<1>((ox, oy), (mx, my), (tx, ty), floor);
+    let (ox, oy) = (ox_rest.iter_mut(), oy_rest.iter_mut());
+    let (mx, my) = (mx_rest.iter_mut(), my_rest.iter_mut());
+    for (((ox, oy), (mx, my)), (tx, ty)) in ox.zip(oy).zip(mx.zip(my)).zip(tx_rest.iter().zip(ty_rest)) {
+        ([[*ox], [*oy]], [[*mx], [*my]]) = vectors([[*ox], [*oy]], [[*mx], [*my]], [[*tx], [*ty]], floor);
     }
 }
 
-/// `N` cells of a limb. Arrays are loaded before the first is stored, so that the compiler need not fear that they overlap.
+/// `N` cells of a limb: components of the label, their mask, components of the teacher. Arrays are loaded before the first result is
+/// stored, so that the compiler need not fear that they overlap.
 #[inline(always)]
 fn vectors<const N: usize>(
-    own: (&mut [f32; N], &mut [f32; N]),
-    mask: (&mut [f32; N], &mut [f32; N]),
-    teacher: (&[f32; N], &[f32; N]),
+    [mut ox, mut oy]: [[f32; N]; 2],
+    [mut mx, mut my]: [[f32; N]; 2],
+    [tx, ty]: [[f32; N]; 2],
     floor: f32,
-) {
-    let ((mut ox, mut oy), (mut mx, mut my), (tx, ty)) =
-        ((*own.0, *own.1), (*mask.0, *mask.1), (*teacher.0, *teacher.1));
+) -> ([[f32; N]; 2], [[f32; N]; 2]) {
     let floor2 = floor * floor;
     for i in 0..N {
         // Squares order as norms do.
@@ -118,7 +116,7 @@ fn vectors<const N: usize>(
         mx[i] = larger(mx[i], answer);
         my[i] = larger(my[i], answer);
     }
-    (*own.0, *own.1, *mask.0, *mask.1) = (ox, oy, mx, my);
+    ([ox, oy], [mx, my])
 }
 
 /// The larger; `a` where `b` is no number. One instruction, unlike `f32::max`.
