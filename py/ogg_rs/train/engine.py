@@ -96,7 +96,7 @@ def fit(
     """Trains and returns the averaged network, resuming from `out/checkpoint.pt` where there is one.
 
     `start` gives initial weights of an earlier run (its averaged network). With a `teacher` the labels are fused with
-    its maps (3) before the loss, which makes the loss that of (4). Under `torchrun` all processes train one network.
+    its maps (3) before the loss, which makes the loss that of (4). All processes of a `Team` train one network.
     """
     params = params.validate()
     team = Team.join()

@@ -100,7 +100,7 @@ impl Sample<'_> {
         let cells = self.rows * self.columns;
         let (pcm, background) = pcm.split_at_mut(self.joints() * cells);
         let (mask, background_mask) = mask.split_at_mut(self.joints() * cells);
-        // The most of all labels; the background when done.
+        // `background` is the most of all labels until all are drawn.
         let mut across = Vec::new();
         let mut most = fuse::Most::new(cells);
         for (joint, (map, mask)) in pcm.chunks_exact_mut(cells).zip(mask.chunks_exact_mut(cells)).enumerate() {
