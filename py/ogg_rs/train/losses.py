@@ -10,6 +10,7 @@ at the constant answer zero. Both forms have the same minimum for a network that
 
 from __future__ import annotations
 
+import torch
 from torch import Tensor
 
 from .targets import Maps
@@ -21,7 +22,7 @@ def stage_losses(stages: list[tuple[Tensor, Tensor]], maps: Maps, *, emphasis: f
     presence = maps.pcm.clone()
     presence[:, -1] = 1 - presence[:, -1]
     pcm_weight = maps.pcm_mask * (1 + emphasis * presence)
-    strength = maps.paf.unflatten(1, (-1, 2)).norm(dim=2, keepdim=True).expand(-1, -1, 2, -1, -1).flatten(1, 2)
+    strength = torch.hypot(maps.paf[:, 0::2], maps.paf[:, 1::2]).repeat_interleave(2, 1)
     paf_weight = maps.paf_mask * (1 + emphasis * strength)
     return [
         (
