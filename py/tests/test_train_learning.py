@@ -16,7 +16,7 @@ from PIL import Image
 
 from ogg_rs.train import augment, cli, puppets
 from ogg_rs.train.augment import AugmentParams, Sample
-from ogg_rs.train.batches import BatchMaker, Joined, Normalisation, from_behind
+from ogg_rs.train.batches import BatchMaker, Normalisation
 from ogg_rs.train.coco import CocoKeypoints
 from ogg_rs.train.engine import FitParams, fit
 from ogg_rs.train.evaluate import Case, decode_single, score
@@ -144,40 +144,6 @@ def make(data: Path, seed: int = 5) -> BatchMaker:
     return BatchMaker(CocoKeypoints(data), OPENPOSE18, (128, 96), 4, seed, AugmentParams(), Normalisation())
 
 
-def person(**places: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
-    joints, states = np.zeros((1, 18, 2), np.float32), np.full((1, 18), State.UNKNOWN)
-    for name, place in places.items():
-        joints[0, PARTS.index(name)], states[0, PARTS.index(name)] = place, State.LABELLED
-    return joints, states
-
-
-FRONT = person(right_shoulder=(40, 50), left_shoulder=(80, 50), right_elbow=(35, 90), left_elbow=(85, 90))
-BACK = person(right_shoulder=(80, 50), left_shoulder=(40, 50), right_elbow=(85, 90), left_elbow=(35, 90))
-SIDE = person(right_shoulder=(62, 50), left_shoulder=(58, 50), right_elbow=(60, 90), left_elbow=(60, 90))
-HALF = person(right_shoulder=(80, 50), right_elbow=(85, 90), left_elbow=(35, 90))
-
-
-def test_a_back_is_told_by_the_order_of_the_shoulders() -> None:
-    assert [from_behind(*who) for who in (FRONT, BACK, SIDE, HALF)] == [False, True, False, False]
-
-
-def test_backs_are_shown_more_often_and_all_else_as_often_as_its_set() -> None:
-    class Set:
-        people = [FRONT, BACK, SIDE]
-
-        def __len__(self) -> int:
-            return 3
-
-        def __getitem__(self, i: int) -> int:
-            return i
-
-    def counts(behind: int) -> list[int]:
-        joined = Joined([(Set(), 2)], behind=behind)
-        return np.bincount([joined[i] for i in range(len(joined))]).tolist()
-
-    assert (counts(1), counts(4)) == ([2, 2, 2], [2, 8, 2])
-
-
 def test_a_batch_depends_on_seed_and_step_alone(data: Path) -> None:
     one, two = make(data)(7), make(data)(7)
     assert torch.equal(one.image, two.image)
@@ -232,6 +198,35 @@ def test_the_commands_train_fuse_export_and_score(data: Path, tmp_path: Path, ca
     assert cli.main(["eval", "--model", str(model), "--data", str(data), "--json", str(tmp_path / "s.json")]) == 0
     assert json.loads((tmp_path / "s.json").read_text())["visible"]["right_wrist"]["n"] > 0
     assert "right_wrist" in capsys.readouterr().out
+
+
+def test_a_picture_without_a_torso_has_no_measure_and_is_left_out_aloud(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    index = json.loads((data / "annotations.json").read_text())
+    for image in index["images"]:
+        image["file_name"] = str((data / image["file_name"]).resolve())
+    right, left = ({"shoulder": 6, "hip": 12}, {"shoulder": 5, "hip": 11})
+    first = index["annotations"][0]["keypoints"]
+    for n, annotation in enumerate(index["annotations"]):
+        flat = annotation["keypoints"]
+        for joint, place in zip((*right.values(), *left.values()), ((10, 10), (10, 50), (30, 10), (30, 60)), strict=True):
+            flat[3 * joint : 3 * joint + 3] = (*place, 2)
+        unlabelled = [(left["hip"],), (left["hip"], right["shoulder"])][n] if n < 2 else ()
+        for joint in unlabelled:
+            flat[3 * joint : 3 * joint + 3] = (0, 0, 0)
+    assert first[3 * left["hip"] + 2] == 0
+    (tmp_path / "annotations.json").write_text(json.dumps(index))
+    torn = CocoKeypoints(tmp_path, cache=False)
+    assert [torn.torso_px(i) for i in (0, 2)] == [pytest.approx(40), pytest.approx(45)]
+    assert np.isnan(torn.torso_px(1))
+    fit_out, model = tmp_path / "run", tmp_path / "m.onnx"
+    assert cli.main(["fit", "--size", "64x64", "--batch", "4", "--steps", "1", "--data", str(data), "--out", str(fit_out)]) == 0
+    assert cli.main(["export", "--run", str(fit_out), "--out", str(model)]) == 0
+    assert cli.main(["eval", "--model", str(model), "--data", str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    assert "left out: 0 pictures of several people, 1 without a shoulder and hip of one side" in said
+    assert "visible joints, 19 pictures" in said
 
 
 def test_wrong_input_ends_with_two_and_names_the_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -137,11 +137,16 @@ class CocoKeypoints:
         return [np.isin(PARTS, covered) for covered in names]
 
     def torso_px(self, i: int) -> float:
-        """Mean distance of the first person's shoulders to the hips, from true places where they are known."""
-        annotation = self._by_image[self.records[i]["id"]][0]
-        joints = self._places.get(annotation["id"], self.people[i][0][0])
+        """Mean distance of the first person's shoulders to the hips, from true places where they are known; of one side
+        where only that one has both ends, NaN where neither has."""
+        joints, states, _ = (column[0] for column in self.people[i])
+        places = self._places.get(self._by_image[self.records[i]["id"]][0]["id"])
+        if places is None:
+            places = np.where((states == State.UNKNOWN)[:, None], np.float32(np.nan), joints)
         sides = ((PARTS.index(f"{s}_shoulder"), PARTS.index(f"{s}_hip")) for s in ("right", "left"))
-        return float(np.mean([np.linalg.norm(joints[a] - joints[b]) for a, b in sides]))
+        lengths = [np.linalg.norm(places[a] - places[b]) for a, b in sides]
+        known = [length for length in lengths if np.isfinite(length)]
+        return float(np.mean(known)) if known else float("nan")
 
     def __len__(self) -> int:
         return len(self.records)

@@ -232,10 +232,15 @@ def score_data(options: argparse.Namespace) -> None:
     answer, _ = load_answer(options.model)
     fabric = data.under_fabric()
     subsets = {"visible": [], "covered": [], "under fabric": []}
-    for i in range(len(data)):
+    alone = [i for i in range(len(data)) if len(data.people[i][0]) == 1]
+    measured = [i for i in alone if data.torso_px(i) > 0]
+    if len(measured) < len(data):
+        print(
+            f"left out: {len(data) - len(alone)} pictures of several people, {len(alone) - len(measured)} without a shoulder "
+            "and hip of one side"
+        )
+    for i in measured:
         sample = data[i]
-        if len(sample.joints_px) != 1:
-            continue
         labelled, seen = sample.states[0] == State.LABELLED, data.visible(i)[0]
         counts = {"visible": labelled & seen, "covered": labelled & ~seen, "under fabric": labelled & fabric[i]}
         for name, cases in subsets.items():
