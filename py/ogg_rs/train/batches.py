@@ -20,8 +20,9 @@ from torch import Tensor
 
 from . import augment, targets
 from .augment import AugmentParams, Sample
-from .skeleton import PARTS, Skeleton
+from .skeleton import Skeleton
 from .targets import Maps, State
+from .views import from_behind, from_the_side
 
 
 class Pictures(Protocol):
@@ -56,15 +57,20 @@ class Batch:
 
 class Joined:
     """Several picture sets one after the other, each repeated `weight` times, pictures of people seen `from_behind` as
-    often again and again as `behind` says: photographs show fronts, and a network that has hardly seen a back gives it
-    the arms of a front, right and left exchanged."""
+    often again and again as `behind` says and those seen `from_the_side` as `sideways` says: photographs show fronts, and
+    a network that has hardly seen a back gives it the arms of a front, right and left exchanged."""
 
-    def __init__(self, sets: Sequence[tuple[Pictures, int]], *, behind: int = 1) -> None:
+    def __init__(self, sets: Sequence[tuple[Pictures, int]], *, behind: int = 1, sideways: int = 1) -> None:
+        def times(joints_px: NDArray[np.float32], states: NDArray[np.int64]) -> int:
+            if behind > 1 and from_behind(joints_px, states):
+                return behind
+            return sideways if sideways > 1 and from_the_side(joints_px, states) else 1
+
         self._index = [
             (pictures, i)
             for pictures, weight in sets
             for i in range(len(pictures))
-            for _ in range(weight * (behind if behind > 1 and from_behind(*pictures.people[i][:2]) else 1))
+            for _ in range(weight * (times(*pictures.people[i][:2]) if max(behind, sideways) > 1 else 1))
         ]
 
     def __len__(self) -> int:
@@ -78,19 +84,6 @@ class Joined:
         """Which joints `(people, parts)` of a picture are marked visible."""
         pictures, k = self._index[i]
         return pictures.visible(k)
-
-
-def from_behind(joints_px: NDArray[np.float32], states: NDArray[np.int64]) -> bool:
-    """Whether the first person `(people, 18, 2)` shows the back: the right shoulder lies to the right of the left one, by
-    more than a fifth of the shoulders' distance or of the longer upper arm."""
-    known = (states[0] == State.LABELLED) | (states[0] == State.HIDDEN)
-    right, left = PARTS.index("right_shoulder"), PARTS.index("left_shoulder")
-    lengths = [
-        float(np.hypot(*(joints_px[0, a] - joints_px[0, b])))
-        for a, b in ((right, left), (right, PARTS.index("right_elbow")), (left, PARTS.index("left_elbow")))
-        if known[a] and known[b]
-    ]
-    return bool(known[right] and known[left] and joints_px[0, right, 0] - joints_px[0, left, 0] > 0.2 * max(lengths))
 
 
 def beside(left: Sample, right: Sample) -> Sample:

@@ -83,6 +83,7 @@ def parser() -> argparse.ArgumentParser:
     fit.add_argument("--emphasis", type=float, default=4.0, help="0 is the loss as printed in the paper")
     fit.add_argument("--strength", type=float, default=1.0, help="strength of the random picture changes, 0 to 1")
     fit.add_argument("--behind", type=int, default=1, metavar="N", help="show people seen from behind N times as often")
+    fit.add_argument("--sideways", type=int, default=1, metavar="N", help="show people seen from the side N times as often")
     fit.add_argument("--threads", type=int, default=1, help="set to the number of cores that are otherwise idle")
     fit.add_argument("--processes", type=int, default=1, metavar="N",
                      help="processes that share the work, each with --batch pictures a step; on a CPU better than --threads")  # fmt: skip

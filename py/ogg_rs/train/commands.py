@@ -64,7 +64,7 @@ def train(options: argparse.Namespace) -> None:
         threads=options.threads, autocast=bf16,
     )  # fmt: skip
     maker = BatchMaker(
-        Joined(sets, behind=options.behind), skeleton, options.size, options.batch, options.seed,
+        Joined(sets, behind=options.behind, sideways=options.sideways), skeleton, options.size, options.batch, options.seed,
         augmentation(options.strength), Normalisation(),
     )  # fmt: skip
     teacher = _teacher(options.teacher) if options.teacher else None
