@@ -94,6 +94,7 @@ def parser() -> argparse.ArgumentParser:
     export.add_argument("--out", type=Path, required=True, help="file to write")
     export.add_argument("--card", type=Path, help="model card to write or renew; its [about] section is kept")
     export.add_argument("--peak-threshold", type=float, default=0.1, help="card: smallest map value that is a joint")
+    export.add_argument("--half", action="store_true", help="store weights as float16, half the file; the arithmetic stays float32")
 
     trunk = commands.add_parser("trunk", help="ogg-trunk: a head of this project on a public network's features")
     what = trunk.add_mutually_exclusive_group(required=True)

@@ -100,7 +100,7 @@ def write_onnx(options: argparse.Namespace) -> None:
     network.load_state_dict(torch.load(options.run / "checkpoint.pt", weights_only=True)["average"])
     metadata = {"network": about["network"], "profile": about["profile"], "licence": "MIT OR Apache-2.0"}
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    digest = export(network, tuple(about["size"]), options.out, metadata=metadata)
+    digest = export(network, tuple(about["size"]), options.out, half=options.half, metadata=metadata)
     if options.card:
         size = tuple(about["size"])
         card.write(options.card, options.out, digest, size, skeleton, peak_threshold=options.peak_threshold)

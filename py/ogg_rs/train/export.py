@@ -6,6 +6,7 @@ is fixed and the batch is one. Batch normalisation is folded into the convolutio
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import warnings
 from pathlib import Path
@@ -15,6 +16,7 @@ import torch
 from torch import Tensor, nn
 
 from .nets import OggLite, fold_batch_norm
+from .storage import LARGE, float16_bits, narrow
 
 OPSET = 17
 PARITY = 1e-4
@@ -42,22 +44,33 @@ def trace(model: nn.Module, inputs: tuple[Tensor, ...], path: Path, names: list[
         )
 
 
-def export(network: nn.Module, size: tuple[int, int], path: Path, *, metadata: dict[str, str] | None = None) -> str:
+def export(
+    network: nn.Module, size: tuple[int, int], path: Path, *, half: bool = False, metadata: dict[str, str] | None = None
+) -> str:
     """Writes the network for pictures of `size` (width, height); returns the file's SHA-256.
 
-    Raises `ArithmeticError` when ONNX Runtime's answer to a random picture differs by more than `PARITY`.
+    `half` rounds the weights to float16 and stores them so; the arithmetic stays in float32. Raises `ArithmeticError` when
+    ONNX Runtime's answer to a random picture differs from that of the (rounded) network by more than `PARITY`.
     """
     import onnx
     import onnxruntime
 
     network = fold_batch_norm(network) if isinstance(network, OggLite) else network.eval()
-    model = LastStage(network).eval().to(memory_format=torch.contiguous_format)
+    model = LastStage(copy.deepcopy(network)).eval().to(memory_format=torch.contiguous_format)
+    if half:
+        with torch.no_grad():
+            for name, weights in model.named_parameters():
+                if weights.numel() >= LARGE:
+                    stored = float16_bits(name, weights.numpy()).view(np.float16)
+                    weights.copy_(torch.from_numpy(stored.astype(np.float32)))
     image = torch.from_numpy(np.random.default_rng(0).uniform(-0.5, 0.5, (1, 3, size[1], size[0])).astype(np.float32))
     trace(model, (image,), path, ["image"])
     proto = onnx.load(path)
     for key, value in (metadata or {}).items():
         entry = proto.metadata_props.add()
         entry.key, entry.value = key, value
+    if half:
+        narrow(proto, "float16")
     onnx.checker.check_model(proto)
     onnx.save(proto, path)
     with torch.no_grad():

@@ -25,9 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from .storage import narrow
+
 VARIANTS = ("int8", "bf16", "fp16")
-LARGE = 256
-"""Weights of fewer elements stay in float32: biases cost nothing and matter."""
 PICTURES = {".jpg", ".jpeg", ".png"}
 
 
@@ -124,25 +124,9 @@ def int8(source: Path, out: Path, name: str, tensors: Iterator[NDArray[np.float3
 def bf16(source: Path, out: Path) -> None:
     """Large weights in bfloat16, each followed by a cast to float32."""
     import onnx
-    from onnx import TensorProto, helper, numpy_helper
 
     model = onnx.load(source)
-    graph = model.graph
-    casts = []
-    for tensor in graph.initializer:
-        values = numpy_helper.to_array(tensor)
-        if tensor.data_type != TensorProto.FLOAT or values.size < LARGE:
-            continue
-        # Round to nearest, ties to even: what is cut off is half a step at most.
-        bits = np.ascontiguousarray(values).view(np.uint32).astype(np.uint64)
-        half = ((bits + 0x7FFF + ((bits >> 16) & 1)) >> 16).astype(np.uint16)
-        name = tensor.name
-        tensor.CopyFrom(helper.make_tensor(f"{name}:bf16", TensorProto.BFLOAT16, values.shape, half.tobytes(), raw=True))
-        casts.append(helper.make_node("Cast", [f"{name}:bf16"], [name], to=TensorProto.FLOAT))
-    nodes = [*casts, *graph.node]
-    del graph.node[:]
-    graph.node.extend(nodes)
-    onnx.checker.check_model(model)
+    narrow(model, "bfloat16")
     onnx.save(model, out)
 
 
