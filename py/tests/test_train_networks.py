@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import copy
 from pathlib import Path
 
 from train_support import require_training_packages
 
 require_training_packages()
 
+import numpy as np
 import pytest
 import torch
 
+from ogg_rs.train.engine import start_from
 from ogg_rs.train.export import LastStage, export
-from ogg_rs.train.nets import OggLite, OggVgg, fold_batch_norm, parameter_count
+from ogg_rs.train.nets import OggLite, OggVgg, fold_batch_norm, lite, parameter_count
+from ogg_rs.train.nets.lite import Residual
 from ogg_rs.train.nets.vgg import F_CHANNELS, STAGE_WIDTHS, VGG16_TEN, Pool
+from ogg_rs.train.storage import LARGE
 
 
 def test_ogg_lite_answers_in_two_stages_of_19_and_38_maps_at_stride_8() -> None:
@@ -121,6 +126,75 @@ def test_the_exported_network_agrees_with_pytorch_and_has_a_fixed_shape(tmp_path
         expected = LastStage(network)(x)
     for want, got in zip(expected, session.run(None, {"image": x.numpy()}), strict=True):
         assert abs(want.numpy() - got).max() < 1e-4
+
+
+def test_half_precision_halves_the_file_and_answers_as_the_rounded_network(tmp_path: Path) -> None:
+    import onnx
+    import onnxruntime
+
+    network = trained_looking(OggLite(19, 38))
+    before = copy.deepcopy(network.state_dict())
+    export(network, (64, 32), tmp_path / "whole.onnx")
+    export(network, (64, 32), tmp_path / "half.onnx", half=True)
+    assert all(torch.equal(a, b) for a, b in zip(before.values(), network.state_dict().values(), strict=True))
+    sizes = [(tmp_path / name).stat().st_size for name in ("half.onnx", "whole.onnx")]
+    assert sizes[0] < 0.52 * sizes[1]
+    stored = {t.name: onnx.numpy_helper.to_array(t) for t in onnx.load(tmp_path / "half.onnx").graph.initializer}
+    whole = {t.name: onnx.numpy_helper.to_array(t) for t in onnx.load(tmp_path / "whole.onnx").graph.initializer}
+    assert len(stored) == len(whole)
+    for name, values in whole.items():
+        if values.size < LARGE:
+            assert np.array_equal(stored[name], values)
+        else:
+            assert np.array_equal(stored[f"{name}:float16"], values.astype(np.float16))
+    x = torch.rand(1, 3, 32, 64, generator=torch.Generator().manual_seed(3)) - 0.5
+    answers = [
+        onnxruntime.InferenceSession(tmp_path / name, providers=["CPUExecutionProvider"]).run(None, {"image": x.numpy()})
+        for name in ("whole.onnx", "half.onnx")
+    ]
+    for a, b in zip(*answers, strict=True):
+        assert 0 < np.abs(a - b).max() < 2e-3 * np.abs(a).max()
+
+
+def test_weights_too_large_for_half_precision_are_named(tmp_path: Path) -> None:
+    network = OggLite(19, 38)
+    with torch.no_grad():
+        network.stages[1].pcm.weight[0, 0] = 1e5
+    with pytest.raises(ArithmeticError, match=r"stages.1.pcm.weight: expected weights of at most 65504.0 for float16, got 100000"):
+        export(network, (64, 32), tmp_path / "large.onnx", half=True)
+
+
+def test_a_new_residual_block_changes_nothing() -> None:
+    x = torch.relu(torch.randn(2, 16, 5, 6, generator=torch.Generator().manual_seed(1)))
+    assert torch.equal(Residual(16, 2)(x), x)
+
+
+def test_a_network_starts_from_one_with_fewer_blocks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as smaller:
+        smaller.setattr(lite, "COARSEST", lite.COARSEST[:2])
+        small = trained_looking(OggLite(19, 38))
+    torch.save({"average": small.state_dict()}, tmp_path / "small.pt")
+    large = OggLite(19, 38)
+    assert start_from(large, tmp_path / "small.pt") == [f"context.inner.before.{i}" for i in range(2, len(lite.COARSEST))]
+    x = torch.rand(1, 3, 64, 64, generator=torch.Generator().manual_seed(2)) - 0.5
+    with torch.no_grad():
+        for before, after in zip(small(x)[-1], large.eval()(x)[-1], strict=True):
+            assert torch.equal(before, after)
+    torch.save({"average": large.state_dict()}, tmp_path / "large.pt")
+    assert start_from(OggLite(19, 38), tmp_path / "large.pt") == []
+    with pytest.raises(ValueError, match=r"large.pt: expected .* fewer residual blocks, they differ in context.inner.before.2"):
+        start_from(small, tmp_path / "large.pt")
+
+
+def test_weights_of_another_network_are_no_start(tmp_path: Path) -> None:
+    torch.save({"average": OggLite(9, 12).state_dict()}, tmp_path / "arms.pt")
+    with pytest.raises(ValueError, match=r"arms.pt: expected weights of this network.*stages.0.pcm.weight"):
+        start_from(OggLite(19, 38), tmp_path / "arms.pt")
+    state = OggLite(19, 38).state_dict()
+    del state["stem.0.0.weight"]
+    torch.save({"average": state}, tmp_path / "stem.pt")
+    with pytest.raises(ValueError, match=r"they differ in stem.0.0.weight$"):
+        start_from(OggLite(19, 38), tmp_path / "stem.pt")
 
 
 def test_ogg_lite_names_the_sides_it_takes() -> None:

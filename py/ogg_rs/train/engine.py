@@ -20,6 +20,7 @@ from tqdm import tqdm
 
 from .batches import BatchMaker, prefetch
 from .losses import total_loss
+from .nets.lite import Residual
 from .targets import Maps, fuse
 from .team import Team
 
@@ -84,6 +85,28 @@ def has_amx_bf16() -> bool:
     return bool(check()) if check else False
 
 
+def start_from(network: nn.Module, path: Path) -> list[str]:
+    """Loads the averaged weights of the checkpoint `path`, and names the residual blocks that they lack: those stay the
+    identities that they began as, so that the network computes what the smaller one did.
+
+    Raises `ValueError` where anything else is missing, left over, or of another shape.
+    """
+    weights, own = torch.load(path, weights_only=True)["average"], network.state_dict()
+    lacking = own.keys() - weights.keys()
+    blocks = [
+        name
+        for name, block in network.named_modules()
+        if isinstance(block, Residual) and all(f"{name}.{key}" in lacking for key in block.state_dict())
+    ]
+    lacking = {key for key in lacking if not any(key.startswith(f"{block}.") for block in blocks)}
+    unlike = {key for key, values in weights.items() if key not in own or own[key].shape != values.shape}
+    if lacking | unlike:
+        strange = ", ".join(sorted(lacking | unlike)[:4])
+        raise ValueError(f"{path}: expected weights of this network or of one with fewer residual blocks, they differ in {strange}")
+    network.load_state_dict(weights, strict=False)
+    return blocks
+
+
 def fit(
     network: nn.Module,
     make_batch: BatchMaker,
@@ -104,10 +127,12 @@ def fit(
     torch.set_num_threads(params.threads)
     torch.manual_seed(make_batch.seed)
     if start is not None:
-        network.load_state_dict(torch.load(start, weights_only=True)["average"])
+        new = start_from(network, start)
+        if new and team.leads:
+            print(f"{start}: has no {', '.join(new)}; they begin as identities")
     network = network.to(memory_format=torch.channels_last).train()
     averaged = copy.deepcopy(network)
-    optimiser = torch.optim.AdamW(network.parameters(), params.learning_rate, weight_decay=params.weight_decay)
+    optimiser = torch.optim.AdamW(network.parameters(), params.learning_rate, weight_decay=params.weight_decay, fused=True)
     schedule = torch.optim.lr_scheduler.OneCycleLR(
         optimiser, params.learning_rate, total_steps=params.steps + 1, pct_start=max(params.warmup, 1e-3)
     )
