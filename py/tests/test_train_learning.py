@@ -20,7 +20,7 @@ from ogg_rs.train.batches import BatchMaker, Normalisation
 from ogg_rs.train.coco import CocoKeypoints
 from ogg_rs.train.engine import FitParams, fit
 from ogg_rs.train.evaluate import Case, decode_single, score
-from ogg_rs.train.losses import stage_losses, total_loss
+from ogg_rs.train.losses import MapWeights, stage_losses, total_loss
 from ogg_rs.train.nets import OggLite
 from ogg_rs.train.skeleton import OPENPOSE18, PARTS
 from ogg_rs.train.targets import Maps, State, encode
@@ -43,6 +43,22 @@ def test_the_loss_is_the_masked_sum_of_equations_1_and_2() -> None:
                 want += float(mask[index]) * float(got.detach()[index] - target[index]) ** 2
     assert float(total_loss(stages, maps).detach()) == pytest.approx(want / 2, rel=1e-6)
     assert len(stage_losses(stages, maps)) == 3
+
+
+def test_maps_of_the_arms_count_as_often_as_asked() -> None:
+    arms = {f"{side}_{joint}" for side in ("right", "left") for joint in ("shoulder", "elbow", "wrist")}
+    stages, maps = random_maps(np.random.default_rng(4))
+    want = 0.0
+    for pcm, paf in stages:
+        for i in range(19):
+            error = (maps.pcm_mask[:, i] * (pcm[:, i] - maps.pcm[:, i]) ** 2).sum()
+            want += float(error.detach()) * (3 if i < 18 and PARTS[i] in arms else 1)
+        for i, (a, b) in enumerate(OPENPOSE18.limbs):
+            error = (maps.paf_mask[:, 2 * i : 2 * i + 2] * (paf - maps.paf)[:, 2 * i : 2 * i + 2] ** 2).sum()
+            want += float(error.detach()) * (3 if {PARTS[a], PARTS[b]} <= arms | {"neck"} else 1)
+    weights = MapWeights.of_arms(OPENPOSE18, 3.0)
+    assert float(total_loss(stages, maps, weights=weights).detach()) == pytest.approx(want / 2, rel=1e-6)
+    assert int((weights.paf == 3).sum()) == 12, "two channels each of neck to shoulder to elbow to wrist"
 
 
 def test_every_stage_is_supervised_and_masked_cells_teach_nothing() -> None:

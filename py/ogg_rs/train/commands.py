@@ -61,7 +61,7 @@ def train(options: argparse.Namespace) -> None:
     bf16 = has_amx_bf16() if options.bf16 == "auto" else options.bf16 == "on"
     params = FitParams(
         steps=options.steps, learning_rate=options.learning_rate, warmup=options.warmup, emphasis=options.emphasis,
-        threads=options.threads, autocast=bf16,
+        arms=options.arms, threads=options.threads, autocast=bf16,
     )  # fmt: skip
     maker = BatchMaker(
         Joined(sets, behind=options.behind, sideways=options.sideways), skeleton, options.size, options.batch, options.seed,

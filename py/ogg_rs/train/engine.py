@@ -19,7 +19,7 @@ from torch import Tensor, nn
 from tqdm import tqdm
 
 from .batches import BatchMaker, prefetch
-from .losses import total_loss
+from .losses import MapWeights, total_loss
 from .nets.lite import Residual
 from .targets import Maps, fuse
 from .team import Team
@@ -40,6 +40,8 @@ class FitParams:
     clip_norm: float = 5000.0
     """Largest gradient norm: a few times that of the first steps, so that only outliers are cut."""
     emphasis: float = 4.0
+    arms: float = 1.0
+    """Factor of the maps of shoulders, elbows, wrists and the limbs between them in the loss."""
     average: float = 0.998
     """Decay per step of the moving average of the weights, which is what is evaluated and exported."""
     threads: int = 1
@@ -53,7 +55,7 @@ class FitParams:
         """Itself, or a `ValueError` naming the field."""
         for name, low, high in (
             ("steps", 1, 10**9), ("learning_rate", 1e-9, 1.0), ("warmup", 0.0, 0.9), ("weight_decay", 0.0, 1.0),
-            ("clip_norm", 1e-6, 1e9), ("emphasis", 0.0, 1e3), ("average", 0.0, 0.99999), ("threads", 1, 1024),
+            ("clip_norm", 1e-6, 1e9), ("emphasis", 0.0, 1e3), ("arms", 0.0, 1e3), ("average", 0.0, 0.99999), ("threads", 1, 1024),
             ("checkpoint_every", 1, 10**9),
         ):  # fmt: skip
             value = getattr(self, name)
@@ -151,6 +153,7 @@ def fit(
         prefetch(lambda step: make_batch(team.batch(step)), first, params.steps),
         total=params.steps, initial=first, unit="step", desc=out.name, disable=not team.leads,
     )  # fmt: skip
+    weights = MapWeights.of_arms(make_batch.skeleton, params.arms) if params.arms != 1 else None
     recent, began = 0.0, time.monotonic()
     for step, batch in enumerate(bar, first):
         maps: Maps = batch.maps
@@ -159,7 +162,7 @@ def fit(
                 maps = fuse(maps, *teacher(batch.image))
         with torch.autocast("cpu", torch.bfloat16, enabled=params.autocast):
             stages = network(batch.image)
-        loss = total_loss(stages, maps, emphasis=params.emphasis)
+        loss = total_loss(stages, maps, emphasis=params.emphasis, weights=weights)
         optimiser.zero_grad(set_to_none=True)
         loss.backward()
         team.average_gradients(network)
