@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -18,6 +20,7 @@ from ogg_rs.train import augment, cli, puppets
 from ogg_rs.train.augment import AugmentParams, Sample
 from ogg_rs.train.batches import BatchMaker, Normalisation
 from ogg_rs.train.coco import CocoKeypoints
+from ogg_rs.train.commands import augmentation
 from ogg_rs.train.engine import FitParams, fit
 from ogg_rs.train.evaluate import Case, decode_single, score
 from ogg_rs.train.losses import MapWeights, stage_losses, total_loss
@@ -158,6 +161,14 @@ def test_a_written_data_set_reads_back_as_drawn(data: Path) -> None:
 
 def make(data: Path, seed: int = 5) -> BatchMaker:
     return BatchMaker(CocoKeypoints(data), OPENPOSE18, (128, 96), 4, seed, AugmentParams(), Normalisation())
+
+
+def test_a_given_rotation_takes_the_place_of_the_scaled_one() -> None:
+    half, turned = augmentation(0.5), augmentation(0.5, 40)
+    assert half.rotation_rad == pytest.approx(math.radians(11))
+    assert turned == replace(half, rotation_rad=math.radians(40))
+    with pytest.raises(ValueError, match="rotation: expected 0 to 180 degrees, got 181"):
+        augmentation(0.5, 181)
 
 
 def test_a_batch_depends_on_seed_and_step_alone(data: Path) -> None:

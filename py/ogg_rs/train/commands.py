@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -31,12 +32,14 @@ def draw_puppets(options: argparse.Namespace) -> None:
     puppets.write(options.out, options.count, options.seed)
 
 
-def augmentation(strength: float) -> AugmentParams:
-    """The default changes scaled by `strength`, 0 to 1."""
+def augmentation(strength: float, rotation_deg: float | None = None) -> AugmentParams:
+    """The default changes scaled by `strength`, 0 to 1, with rotations of up to `rotation_deg` where that is given."""
     if not 0 <= strength <= 1:
         raise ValueError(f"strength: expected 0 to 1, got {strength}")
+    if rotation_deg is not None and not 0 <= rotation_deg <= 180:
+        raise ValueError(f"rotation: expected 0 to 180 degrees, got {rotation_deg}")
     full = AugmentParams()
-    return replace(
+    scaled = replace(
         full,
         scale=(full.scale[0] ** strength, full.scale[1] ** strength),
         **{
@@ -44,6 +47,7 @@ def augmentation(strength: float) -> AugmentParams:
             for name in ("rotation_rad", "shift", "gain", "gamma", "grey", "blur", "noise", "covers")
         },
     )
+    return scaled if rotation_deg is None else replace(scaled, rotation_rad=math.radians(rotation_deg))
 
 
 def train(options: argparse.Namespace) -> None:
@@ -65,7 +69,7 @@ def train(options: argparse.Namespace) -> None:
     )  # fmt: skip
     maker = BatchMaker(
         Joined(sets, behind=options.behind, sideways=options.sideways), skeleton, options.size, options.batch, options.seed,
-        augmentation(options.strength), Normalisation(),
+        augmentation(options.strength, options.rotation), Normalisation(),
     )  # fmt: skip
     teacher = _teacher(options.teacher) if options.teacher else None
     pictures = sum(len(s) for s, _ in sets)
