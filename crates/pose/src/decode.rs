@@ -1,5 +1,6 @@
 //! From the numbers of a network to people in tensor coordinates.
 
+mod arms;
 mod assemble;
 mod landmarks;
 mod openpose;

@@ -71,6 +71,16 @@ pub(crate) fn assemble(peaks: &[Vec<Peak>], limbs: &[[usize; 2]], connections: &
 }
 
 impl Body {
+    /// Gives up a candidate, and every limb that ends there.
+    pub(crate) fn release(&mut self, part: usize, candidate: usize, limbs: &[[usize; 2]]) {
+        if self.parts[part] != Some(candidate) {
+            return;
+        }
+        self.parts[part] = None;
+        self.limbs.retain(|(limb, _)| !limbs[*limb].contains(&part));
+        self.limb_sum = self.limbs.iter().map(|(_, c)| c.score).sum();
+    }
+
     /// A part that is there already stays, unless the new candidate is stronger.
     fn fill(&mut self, (part, candidate): (usize, usize), limb: (usize, Connection), peaks: &[Peak]) {
         match &mut self.parts[part] {
@@ -128,6 +138,18 @@ mod tests {
         let matched = [vec![joined(0, 0, 0.5)], vec![joined(0, 0, 0.5)], vec![joined(1, 1, 0.9)]];
         let bodies = assemble(&peaks(&[&[0.9, 0.9], &[0.9], &[0.9, 0.9]]), &limbs, &matched);
         assert_eq!((bodies.len(), &bodies[0].parts[..]), (1, &[Some(0); 3][..]));
+    }
+
+    #[test]
+    fn what_is_given_up_goes_with_its_limbs() {
+        let limbs = [[0, 1], [1, 2], [2, 3]];
+        let matched = [vec![joined(0, 0, 0.5)], vec![joined(0, 1, 0.25)], vec![joined(1, 0, 0.125)]];
+        let mut body = assemble(&peaks(&[&[0.9], &[0.9], &[0.9, 0.9], &[0.9]]), &limbs, &matched).remove(0);
+        body.release(2, 0, &limbs);
+        assert_eq!((body.limbs.len(), body.limb_sum), (3, 0.875), "another candidate is not the body's");
+        body.release(2, 1, &limbs);
+        assert_eq!(body.parts, [Some(0), Some(0), None, Some(0)]);
+        assert_eq!((body.limbs, body.limb_sum), (vec![(0, matched[0][0])], 0.5));
     }
 
     #[test]

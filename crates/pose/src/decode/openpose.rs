@@ -12,11 +12,12 @@
 //! field alone would prefer it, because the shorter line stays away from the field's blurred end. Limbs are joined into people
 //! in the order of the card, but not over a length that no body has; a person is kept when its peaks and limbs together are evidence enough. Where we
 //! differ: peaks are refined in the map itself and the map is not enlarged first, which is eight times eight fewer
-//! cells to look at.
+//! cells to look at; and each person's arms are then chosen again as wholes (`arms`).
 //!
 //! Cost: linear in the cells, plus (candidates of one part) x (candidates of the next) for each limb. Buffers are kept.
 
 use super::{
+    arms::Arm,
     assemble::{self, Body, Connection},
     peaks::{self, Peak},
     proportion,
@@ -148,6 +149,7 @@ pub struct OpenPoseDecoder {
     limbs: Vec<[usize; 2]>,
     /// Length of each limb in a human, m.
     typical_m: Vec<Option<f32>>,
+    arms: Vec<Arm>,
     min_score: f32,
     plane: Vec<f32>,
     peaks: Vec<Vec<Peak>>,
@@ -160,10 +162,11 @@ impl OpenPoseDecoder {
     /// When a limb names a part that is not in the skeleton.
     pub fn new(skeleton: Skeleton, spec: &OpenPoseSpec, min_score: f32) -> Self {
         let index = |part| skeleton.index_of(part).unwrap_or_else(|| panic!("{skeleton} has no {part}"));
-        let limbs = spec.limbs.iter().map(|l| [index(l.from), index(l.to)]).collect();
+        let limbs: Vec<_> = spec.limbs.iter().map(|l| [index(l.from), index(l.to)]).collect();
         let typical_m = spec.limbs.iter().map(|l| proportion::typical_m(l.from, l.to)).collect();
         let peaks = vec![Vec::new(); skeleton.len()];
-        Self { skeleton, spec: spec.clone(), limbs, typical_m, min_score, plane: Vec::new(), peaks }
+        let arms = Arm::of(skeleton, &limbs);
+        Self { skeleton, spec: spec.clone(), limbs, typical_m, arms, min_score, plane: Vec::new(), peaks }
     }
 
     /// People in tensor coordinates, best first.
@@ -173,15 +176,18 @@ impl OpenPoseDecoder {
             pcm.copy_plane(joint, &mut self.plane);
             peaks::find(&self.plane, pcm.width, pcm.height, self.spec.peak_threshold, MAX_PEAKS, peaks);
         }
-        let mut connections = Vec::with_capacity(self.limbs.len());
+        let mut supported = Vec::with_capacity(self.limbs.len());
         for (limb, &[from, to]) in self.spec.limbs.iter().zip(&self.limbs) {
             let field = Field { maps: paf, channels: limb.paf };
-            connections.push(self.connect(field, from, to, pcm.height));
+            supported.push(self.supported(field, from, to, pcm.height));
         }
-        let bodies = self.assemble(&mut connections);
-        let mut people: Vec<Person> = bodies.iter().filter_map(|body| self.person(body)).collect();
-        people.sort_by(|a, b| b.score.total_cmp(&a.score));
-        people
+        let mut connections: Vec<_> =
+            supported.iter().zip(&self.limbs).map(|(pairs, limb)| self.match_up(pairs, *limb)).collect();
+        let mut bodies = self.assemble(&mut connections);
+        self.choose_arms(&mut bodies, &mut supported);
+        // By evidence, not by mean score: three sure parts of a neighbour are not more of a person than a whole body is.
+        bodies.sort_by(|a, b| self.evidence(b).total_cmp(&self.evidence(a)));
+        bodies.iter().filter_map(|body| self.person(body)).collect()
     }
 
     /// The peaks of the last decoding, for each part, in cells.
@@ -191,20 +197,62 @@ impl OpenPoseDecoder {
 
     /// Joins limbs into bodies, again without a limb that turns out too long for its body, until there is none.
     fn assemble(&self, connections: &mut [Vec<Connection>]) -> Vec<Body> {
-        let length = |limb: usize, c: &Connection| {
-            let [from, to] = self.limbs[limb];
-            let (a, b) = (self.peaks[from][c.from], self.peaks[to][c.to]);
-            (a.x - b.x).hypot(a.y - b.y)
-        };
         loop {
             let bodies = assemble::assemble(&self.peaks, &self.limbs, connections);
-            let Some((limb, wrong)) = proportion::misfit(&bodies, &self.typical_m, length) else { return bodies };
+            let Some((limb, wrong)) = self.misfit(&bodies) else { return bodies };
             connections[limb].retain(|c| (c.from, c.to) != (wrong.from, wrong.to));
         }
     }
 
-    /// Greedy matching of one limb: best pair first, every candidate once.
-    fn connect(&self, field: Field<'_>, from: usize, to: usize, map_height: usize) -> Vec<Connection> {
+    /// The first limb that is too long for its body.
+    fn misfit(&self, bodies: &[Body]) -> Option<(usize, Connection)> {
+        proportion::misfit(bodies, &self.typical_m, |limb, c| {
+            let [from, to] = self.limbs[limb];
+            let (a, b) = (self.peaks[from][c.from], self.peaks[to][c.to]);
+            (a.x - b.x).hypot(a.y - b.y)
+        })
+    }
+
+    /// Chooses the arms of every person with a neck again, of the one with most evidence first, among what no other of them
+    /// has and without limbs that turn out too long for the body. What has no neck is a piece of somebody: it gives way.
+    fn choose_arms(&self, bodies: &mut [Body], supported: &mut [Vec<Connection>]) {
+        for arm in &self.arms {
+            let whole = |body: &Body| body.parts[arm.parts[0]].is_some() && self.person(body).is_some();
+            let mut people: Vec<usize> = (0..bodies.len()).filter(|i| whole(&bodies[*i])).collect();
+            people.sort_by(|a, b| self.evidence(&bodies[*b]).total_cmp(&self.evidence(&bodies[*a])));
+            for &i in &people {
+                let others: Vec<&Body> = people.iter().filter(|k| **k != i).map(|k| &bodies[*k]).collect();
+                let chosen = loop {
+                    let mut body = bodies[i].clone();
+                    arm.choose(&mut body, supported, &self.peaks, |part, candidate| {
+                        others.iter().all(|other| other.parts[part] != Some(candidate))
+                    });
+                    let Some((limb, wrong)) = self.misfit(std::slice::from_ref(&body)) else { break body };
+                    let before = supported[limb].len();
+                    supported[limb].retain(|c| (c.from, c.to) != (wrong.from, wrong.to));
+                    if !arm.limbs.contains(&limb) || supported[limb].len() == before {
+                        break body;
+                    }
+                };
+                for part in arm.parts {
+                    let Some(candidate) = chosen.parts[part] else { continue };
+                    for (_, other) in bodies.iter_mut().enumerate().filter(|(k, _)| *k != i) {
+                        other.release(part, candidate, &self.limbs);
+                    }
+                }
+                bodies[i] = chosen;
+            }
+        }
+    }
+
+    /// Peaks and limbs of a body together.
+    fn evidence(&self, body: &Body) -> f32 {
+        let peaks = body.parts.iter().zip(&self.peaks).filter_map(|(choice, peaks)| Some(peaks[(*choice)?].score));
+        peaks.sum::<f32>() + body.limb_sum
+    }
+
+    /// The pairs of candidates of one limb that the field supports, best first.
+    fn supported(&self, field: Field<'_>, from: usize, to: usize, map_height: usize) -> Vec<Connection> {
         let threshold = self.spec.paf_threshold;
         let mut pairs = Vec::new();
         for (i, a) in self.peaks[from].iter().enumerate() {
@@ -221,16 +269,21 @@ impl OpenPoseDecoder {
             }
         }
         pairs.sort_by(|a, b| b.rank.total_cmp(&a.rank));
+        pairs
+    }
+
+    /// Greedy matching of one limb: best pair first, every candidate once.
+    fn match_up(&self, pairs: &[Connection], [from, to]: [usize; 2]) -> Vec<Connection> {
         let mut taken = (vec![false; self.peaks[from].len()], vec![false; self.peaks[to].len()]);
-        pairs.retain(|p| {
+        let free = |p: &&Connection| {
             let free = !taken.0[p.from] && !taken.1[p.to];
             if free {
                 taken.0[p.from] = true;
                 taken.1[p.to] = true;
             }
             free
-        });
-        pairs
+        };
+        pairs.iter().filter(free).copied().collect()
     }
 
     fn person(&self, body: &Body) -> Option<Person> {

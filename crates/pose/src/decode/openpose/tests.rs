@@ -155,7 +155,7 @@ proptest! {
         decoder.decode(view(&scene.pcm, 19), view(&scene.paf, 38));
         let paf = view(&scene.paf, 38);
         let field = Field { maps: paf, channels: limb.paf };
-        let matched = decoder.connect(field, from, to, H);
+        let matched = decoder.match_up(&decoder.supported(field, from, to, H), [from, to]);
 
         let (a, b) = (&decoder.peaks()[from], &decoder.peaks()[to]);
         prop_assert_eq!((a.len(), b.len()), (limbs.len(), limbs.len()));
@@ -251,7 +251,8 @@ fn matching_in_noise_is_greedy_matching_by_its_definition() {
         };
         let (from, to) = (2, 3);
         let expected = greedy_by_definition((&decoder.peaks()[from], &decoder.peaks()[to]), field, H);
-        let got = decoder.connect(Field { maps: view(&paf, 38), channels: limb.paf }, from, to, H);
+        let field = Field { maps: view(&paf, 38), channels: limb.paf };
+        let got = decoder.match_up(&decoder.supported(field, from, to, H), [from, to]);
         assert_eq!(got.iter().map(|c| (c.from, c.to)).collect::<Vec<_>>(), expected, "scene {scene}");
         matches += got.len();
     }

@@ -38,7 +38,7 @@ fn a_weak_keypoint_is_left_out_of_its_person_and_none_scores_above_1() {
 
 /// The first limb is matched best first, so the person with the strong neck is assembled first.
 #[test]
-fn people_are_listed_by_the_mean_of_their_keypoints() {
+fn people_are_listed_by_their_evidence() {
     let mut scene = drawn(&[body(12.0, 8.0), body(40.0, 8.0)]);
     for part in 0..18 {
         let is_first_limb = (1..3).contains(&part);
@@ -51,6 +51,62 @@ fn people_are_listed_by_the_mean_of_their_keypoints() {
     assert_eq!(people.len(), 2);
     assert!(people[0].score > people[1].score + 0.1, "{} {}", people[0].score, people[1].score);
     assert!(people[0].get(Part::Neck).unwrap().u_px > people[1].get(Part::Neck).unwrap().u_px);
+}
+
+#[test]
+fn a_faint_whole_person_comes_before_three_sure_parts_of_another() {
+    let mut scene = drawn(&[body(12.0, 8.0), body(40.0, 8.0)]);
+    for part in 0..18 {
+        for (cell, value) in scene.pcm[part * W * H..][..W * H].iter_mut().enumerate() {
+            let is_piece = cell % W > W / 2;
+            *value *= if is_piece { f32::from(u8::from((2..5).contains(&part))) } else { 0.6 };
+        }
+    }
+    let people = decode_with(&scene, 0.1);
+    assert_eq!(people.len(), 2);
+    assert!(people[0].score < people[1].score - 0.3, "{} {}", people[0].score, people[1].score);
+    assert_eq!(people.iter().map(|p| p.keypoints.iter().flatten().count()).collect::<Vec<_>>(), [18, 3]);
+}
+
+/// A person without arms below the shoulder, and somebody who has the elbow and the wrist that the field joins to it.
+fn chosen_beside(other: &[(usize, usize)]) -> Vec<Body> {
+    let mut decoder = OpenPoseDecoder::new(Skeleton::OpenPose18, &spec(), 0.1);
+    for peaks in &mut decoder.peaks {
+        *peaks = (0..2).map(|i| Peak { x: 20.0 + 10.0 * i as f32, y: 20.0, score: 0.9 }).collect();
+    }
+    let limb = |from, to| decoder.limbs.iter().position(|ends| *ends == [from, to]).unwrap();
+    let link = Connection { from: 0, to: 0, score: 0.8, rank: 0.98 };
+    let mut supported = vec![Vec::new(); decoder.limbs.len()];
+    for ends in [[1, 2], [2, 3], [3, 4]] {
+        supported[limb(ends[0], ends[1])].push(link);
+    }
+    let with = |parts: &[(usize, usize)], limbs: Vec<(usize, Connection)>| {
+        let mut body = Body { parts: vec![None; 18], limb_sum: limbs.iter().map(|l| l.1.score).sum(), limbs };
+        parts.iter().for_each(|(part, candidate)| body.parts[*part] = Some(*candidate));
+        body
+    };
+    let mut bodies = [
+        with(&[(0, 0), (1, 0), (2, 0)], vec![(limb(1, 0), link), (limb(1, 2), link)]),
+        with(other, vec![(limb(3, 4), link)]),
+    ];
+    decoder.choose_arms(&mut bodies, &mut supported);
+    bodies.to_vec()
+}
+
+#[test]
+fn a_piece_without_a_neck_gives_its_arm_to_the_person_it_belongs_to() {
+    let bodies = chosen_beside(&[(3, 0), (4, 0), (8, 1)]);
+    assert_eq!(bodies[0].parts[1..5], [Some(0); 4]);
+    assert_eq!(bodies[0].limbs.len(), 4);
+    assert_eq!((bodies[1].parts[3], bodies[1].parts[4], bodies[1].parts[8]), (None, None, Some(1)));
+    assert_eq!((bodies[1].limbs.len(), bodies[1].limb_sum), (0, 0.0));
+}
+
+#[test]
+fn a_person_with_a_neck_keeps_the_arm() {
+    let bodies = chosen_beside(&[(1, 1), (3, 0), (4, 0)]);
+    assert_eq!(bodies[0].parts[1..5], [Some(0), Some(0), None, None]);
+    assert_eq!(bodies[1].parts[3..5], [Some(0); 2]);
 }
 
 #[test]
@@ -85,7 +141,7 @@ fn joined_through(field: [f32; 2], neck: (f32, f32), shoulder: (f32, f32)) -> Op
     let mut decoder = OpenPoseDecoder::new(Skeleton::OpenPose18, &spec(), 0.1);
     decoder.peaks[1] = vec![Peak { x: neck.0, y: neck.1, score: 0.9 }];
     decoder.peaks[2] = vec![Peak { x: shoulder.0, y: shoulder.1, score: 0.9 }];
-    let matched = decoder.connect(Field { maps, channels: [0, 1] }, 1, 2, H);
+    let matched = decoder.match_up(&decoder.supported(Field { maps, channels: [0, 1] }, 1, 2, H), [1, 2]);
     matched.first().map(|c| c.score)
 }
 
