@@ -81,6 +81,24 @@ def test_joints_count_as_found_within_their_share_of_the_torso_and_missed_below_
     assert tally.pck(0.2) == 0.5
 
 
+def test_the_decoder_finds_the_rendered_worker_where_he_is_drawn() -> None:
+    sim = pytest.importorskip("ogg_rs.sim", reason="the wheel is not installed")
+    frame = sim.Scene(sim.Worker(seed=5), size=(320, 240)).render(1.0)
+    answer = real.people_answer(Path(__file__).parents[2] / "crates/pose/models/ogg-lite.onnx")
+    found = answer(Image.fromarray(frame.image))
+    assert found.shape == (len(PARTS), 3)
+    seen = [i for i in ARM_PARTS if found[i, 2] > 0]
+    assert len(seen) >= 5
+    assert np.abs(found[seen, :2] - (frame.joints_px[seen] + COCO_CENTRE_PX)).max() < 8
+    assert not answer(Image.new("RGB", (320, 240)))[:, 2].any(), "nobody in an empty picture"
+
+
+def test_the_decoder_needs_the_card(tmp_path: Path) -> None:
+    pytest.importorskip("ogg_rs.pose", reason="the wheel is not installed")
+    with pytest.raises(FileNotFoundError, match=r"lite.toml: expected the card of the network"):
+        real.people_answer(tmp_path / "lite.onnx")
+
+
 def test_crops_are_read_with_their_subjects(tmp_path: Path) -> None:
     path = tmp_path / "crops.npz"
     np.savez(

@@ -92,7 +92,8 @@ def parser() -> argparse.ArgumentParser:
     fit.add_argument("--bf16", choices=["auto", "on", "off"], default="auto", help="auto: on where the CPU has AMX")
 
     export = commands.add_parser("export", help="write the averaged weights of a run as ONNX")
-    export.add_argument("--run", type=Path, required=True, help="the --out folder of fit")
+    export.add_argument("--run", type=Path, nargs="+", required=True, metavar="DIR",
+                        help="the --out folder of fit; the weights of several, one started from the other, are averaged")  # fmt: skip
     export.add_argument("--out", type=Path, required=True, help="file to write")
     export.add_argument("--card", type=Path, help="model card to write or renew; its [about] section is kept")
     export.add_argument("--peak-threshold", type=float, default=0.1, help="card: smallest map value that is a joint")
@@ -139,6 +140,8 @@ def parser() -> argparse.ArgumentParser:
     source.add_argument("--reference", type=Path, metavar="DIR", help="folder with camNN.mp4 and reference2d.csv")
     source.add_argument("--crops", type=Path, help=".npz of labelled crops (C, U, T, tag)")
     source.add_argument("--hand", type=Path, metavar="DIR", help="folder of the recordings that hand_labels.csv names")
+    evaluate.add_argument("--decoder", action="store_true",
+                          help="joints as the daemon finds them, peaks joined by limbs, instead of each map's highest peak; needs the wheel")  # fmt: skip
     evaluate.add_argument("--every", type=int, default=1, help="judge every n-th frame of --reference")
     evaluate.add_argument("--images", type=Path)
     evaluate.add_argument("--json", type=Path)

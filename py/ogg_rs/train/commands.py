@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import copy
 import json
 import math
 from collections.abc import Callable
@@ -18,7 +19,7 @@ from . import card, puppets, quantise, real, teaching
 from .augment import AugmentParams
 from .batches import BatchMaker, Joined, Normalisation
 from .coco import CocoKeypoints
-from .engine import FitParams, fit, has_amx_bf16
+from .engine import FitParams, average_into, fit, has_amx_bf16
 from .evaluate import Case, onnx_runner, score_found, table
 from .export import export
 from .nets import build, parameter_count
@@ -98,10 +99,14 @@ def _teacher(path: Path) -> Callable[[torch.Tensor], tuple[torch.Tensor, torch.T
 
 def write_onnx(options: argparse.Namespace) -> None:
     """`export`."""
-    about = json.loads((options.run / "network.json").read_text())
+    about = json.loads((options.run[-1] / "network.json").read_text())
     skeleton = SKELETONS[about["profile"]]
     network = build(about["network"], skeleton)
-    network.load_state_dict(torch.load(options.run / "checkpoint.pt", weights_only=True)["average"])
+    mean = copy.deepcopy(network)
+    for number, run in enumerate(options.run, 1):
+        network.load_state_dict(torch.load(run / "checkpoint.pt", weights_only=True)["average"])
+        average_into(mean, network, 1 - 1 / number)
+    network = mean
     metadata = {"network": about["network"], "profile": about["profile"], "licence": "MIT OR Apache-2.0"}
     options.out.parent.mkdir(parents=True, exist_ok=True)
     digest = export(network, tuple(about["size"]), options.out, half=options.half, metadata=metadata)
@@ -182,16 +187,19 @@ def fusion_study(options: argparse.Namespace) -> None:
         study.pictures(prepared, CocoKeypoints(options.test), columns, options.seeds[0], options.pictures)
 
 
-def load_answer(path: Path) -> tuple[real.Answer, tuple[int, int]]:
-    """A network by its file, fed as its card says. Without a card: fed as `ogg-lite`."""
+def load_answer(path: Path, *, decoder: bool = False) -> real.Answer:
+    """A network by its file, fed as its card says. Without a card: fed as `ogg-lite`. Joints are the highest peaks of
+    their maps, or with the `decoder` what the daemon makes of the maps."""
     import onnxruntime
 
     if not path.is_file():
         raise FileNotFoundError(f"{path}: expected an exported network")
+    if decoder:
+        return real.people_answer(path)
     shape = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"]).get_inputs()[0].shape
     size = (shape[3], shape[2])
     stride, normalise = card.reading(path.with_suffix(".toml"))
-    return real.map_answer(onnx_runner(path), size, normalise, stride), size
+    return real.map_answer(onnx_runner(path), size, normalise, stride)
 
 
 def score_model(options: argparse.Namespace) -> None:
@@ -199,7 +207,7 @@ def score_model(options: argparse.Namespace) -> None:
     if options.data:
         score_data(options)
         return
-    answer, _ = load_answer(options.model)
+    answer = load_answer(options.model, decoder=options.decoder)
     if options.crops:
         cases = real.crop_cases(options.crops)
         pairs = [(case, real.look(answer, case.image, case.window)) for case in tqdm(cases, desc="scoring", leave=False)]
@@ -233,7 +241,7 @@ TINY = Image.new("RGB", (1, 1))
 def score_data(options: argparse.Namespace) -> None:
     """Visible joints, covered arm joints, and arm joints under fabric of pictures with one person."""
     data = CocoKeypoints(options.data, images=options.images)
-    answer, _ = load_answer(options.model)
+    answer = load_answer(options.model, decoder=options.decoder)
     fabric = data.under_fabric()
     subsets = {"visible": [], "covered": [], "under fabric": []}
     alone = [i for i in range(len(data)) if len(data.people[i][0]) == 1]

@@ -66,6 +66,28 @@ def map_answer(run: object, size: tuple[int, int], normalise: object, stride: in
     return answer
 
 
+def people_answer(model: Path) -> Answer:
+    """The best person as the daemon finds them: peaks joined by limbs; needs the installed wheel."""
+    try:
+        from .. import pose
+    except ImportError as error:
+        raise ImportError(f"{error}: the decoder is in the native module: pip install ogg_rs") from error
+    card = model.with_suffix(".toml")
+    if not card.is_file():
+        raise FileNotFoundError(f"{card}: expected the card of the network")
+    estimator = pose.Estimator(str(card), threads=1)
+
+    def answer(image: Image.Image) -> Found:
+        estimator.reset()
+        people, found = estimator.estimate(np.asarray(image)), np.zeros((len(PARTS), 3))
+        if len(people.scores):
+            found[:] = pose.convert(people.keypoints[:1], estimator.skeleton.name, "openpose-18")[0]
+            found[:, :2] += COCO_CENTRE_PX
+        return found
+
+    return answer
+
+
 def square(image: Image.Image, window: tuple[float, float, float]) -> tuple[Image.Image, NDArray[np.float64]]:
     """The square of a picture, at most 512 pixels, with what lies outside repeated from its edge; and `x, y, scale` of it."""
     x, y, side = window
