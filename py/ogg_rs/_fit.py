@@ -171,8 +171,9 @@ class MixtureEstimator(Estimator):
         mixture: _native.Mixture,
         report: tuple[FloatArray, bool, tuple[FloatArray, FloatArray] | None],
     ) -> None:
-        history, self.converged_, fused = report
+        history, converged, fused = report
         self._take(mixture)
+        self.converged_ = converged
         self.n_iter_ = len(history)
         self.lower_bounds_ = history
         self.lower_bound_ = float(history[-1])
@@ -182,8 +183,8 @@ class MixtureEstimator(Estimator):
             self.fusion_reliability_, self.fusion_omega_ = fused
 
     def _take(self, mixture: _native.Mixture) -> None:
+        k, d = mixture.means.shape
+        covariances = mixture.covariances.reshape(covariance_shape(mixture.kind, k, d))
+        self.precisions_cholesky_ = precision_factors(mixture.kind, covariances)
         self._mixture = mixture
-        self.weights_, self.means_ = mixture.weights, mixture.means
-        k, d = self.means_.shape
-        self.covariances_ = mixture.covariances.reshape(covariance_shape(mixture.kind, k, d))
-        self.precisions_cholesky_ = precision_factors(mixture.kind, self.covariances_)
+        self.weights_, self.means_, self.covariances_ = mixture.weights, mixture.means, covariances

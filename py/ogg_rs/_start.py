@@ -51,10 +51,20 @@ def full_covariances(kind: str, covariances: FloatArray, k: int, d: int) -> Floa
 
 
 def precision_factors(kind: str, covariances: FloatArray) -> FloatArray:
-    """Upper triangular `U` with `U U' = inv(covariance)`, or reciprocal deviations."""
+    """Upper triangular `U` with `U U' = inv(covariance)`, or reciprocal deviations.
+
+    Raises:
+        NumericalError: A covariance is singular to rounding: the fit's own factor just passed where this one does not.
+    """
     if kind in ("diag", "spherical"):
         return 1.0 / np.sqrt(covariances)
-    return np.ascontiguousarray(np.linalg.inv(np.linalg.cholesky(covariances)).swapaxes(-1, -2))
+    try:
+        return np.ascontiguousarray(np.linalg.inv(np.linalg.cholesky(covariances)).swapaxes(-1, -2))
+    except np.linalg.LinAlgError as error:
+        raise NumericalError(
+            "covariances_: expected positive definite ones, got one that is singular to rounding; a larger reg_covar prevents that",
+            "NotPositiveDefinite",
+        ) from error
 
 
 def start_mixture(

@@ -66,7 +66,7 @@ CALLS = {
     "mixture fusion": lambda a, b: ogg_rs.GaussianMixture(
         1, max_iter=3, weight_fusion=ogg_rs.WeightFusion(errors=b)
     ).fit(a),
-    "mixture random": lambda a, b: ogg_rs.GaussianMixture(2, init_params="random", max_iter=3).fit(a),
+    "mixture random": lambda a, b: ogg_rs.GaussianMixture(2, init_params="random", max_iter=3, random_state=0).fit(a),
     "mixture order": lambda a, b: ogg_rs.GaussianMixture(max_iter=3).select_order(a, k_max=2, sample_weight=b),
     "mixture predict": lambda a, b: FITTED.predict_proba(a),
     "mixture score": lambda a, b: FITTED.score_samples(a),

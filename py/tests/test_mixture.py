@@ -12,7 +12,7 @@ from sklearn.exceptions import ConvergenceWarning as SklearnConvergenceWarning
 from sklearn.mixture import GaussianMixture as Reference
 
 import ogg_rs
-from ogg_rs._start import start_mixture
+from ogg_rs._start import precision_factors, start_mixture
 
 KINDS = ["full", "tied", "diag", "spherical"]
 
@@ -336,3 +336,23 @@ def test_the_literal_reading_changes_nothing():
 def test_fusion_that_does_not_fit_is_refused(wrong):
     with pytest.raises(ogg_rs.InvalidParameter):
         ogg_rs.GaussianMixture(2, weight_fusion=wrong).fit(data())
+
+
+def test_a_covariance_that_is_singular_to_rounding_is_a_numerical_error_and_leaves_the_last_fit(monkeypatch):
+    singular = np.array([[[1.0, 1.0], [1.0, 1.0 - 1e-15]]])
+    with pytest.raises(ogg_rs.NumericalError, match=r"covariances_: expected positive definite ones, .* larger reg_covar") as error:
+        precision_factors("full", singular)
+    assert error.value.kind == "NotPositiveDefinite"
+    x = np.random.default_rng(1).normal(size=(50, 2))
+    mixture = ogg_rs.GaussianMixture(2, random_state=0).fit(x)
+    before = (mixture.means_.copy(), mixture.covariances_.copy(), mixture.score(x), mixture.n_iter_, mixture.converged_)
+
+    def fails(kind, covariances):
+        return precision_factors("full", singular)
+
+    monkeypatch.setattr("ogg_rs._fit.precision_factors", fails)
+    with pytest.raises(ogg_rs.NumericalError):
+        mixture.fit(x + 5)
+    assert np.array_equal(mixture.means_, before[0])
+    assert np.array_equal(mixture.covariances_, before[1])
+    assert (mixture.score(x), mixture.n_iter_, mixture.converged_) == before[2:]
