@@ -13,7 +13,7 @@ use super::{
 };
 use crate::{Part, Skeleton};
 
-/// The parts of an arm after the neck.
+/// The parts of each arm, from the neck outwards.
 const ARMS: [[Part; 4]; 2] = [
     [Part::Neck, Part::RightShoulder, Part::RightElbow, Part::RightWrist],
     [Part::Neck, Part::LeftShoulder, Part::LeftElbow, Part::LeftWrist],
@@ -96,7 +96,6 @@ impl Arm {
             body.parts[self.parts[depth + 1]] = Some(link.to);
             body.limbs.push((self.limbs[depth], link));
         }
-        body.limb_sum = body.limbs.iter().map(|(_, c)| c.score).sum();
     }
 }
 

@@ -227,10 +227,11 @@ impl OpenPoseDecoder {
                     arm.choose(&mut body, supported, &self.peaks, |part, candidate| {
                         others.iter().all(|other| other.parts[part] != Some(candidate))
                     });
-                    let Some((limb, wrong)) = self.misfit(std::slice::from_ref(&body)) else { break body };
+                    let misfit = self.misfit(std::slice::from_ref(&body));
+                    let Some((limb, wrong)) = misfit.filter(|(limb, _)| arm.limbs.contains(limb)) else { break body };
                     let before = supported[limb].len();
                     supported[limb].retain(|c| (c.from, c.to) != (wrong.from, wrong.to));
-                    if !arm.limbs.contains(&limb) || supported[limb].len() == before {
+                    if supported[limb].len() == before {
                         break body;
                     }
                 };
@@ -248,7 +249,7 @@ impl OpenPoseDecoder {
     /// Peaks and limbs of a body together.
     fn evidence(&self, body: &Body) -> f32 {
         let peaks = body.parts.iter().zip(&self.peaks).filter_map(|(choice, peaks)| Some(peaks[(*choice)?].score));
-        peaks.sum::<f32>() + body.limb_sum
+        peaks.sum::<f32>() + body.limb_sum()
     }
 
     /// The pairs of candidates of one limb that the field supports, best first.
@@ -308,7 +309,7 @@ impl OpenPoseDecoder {
         }
         let sum = keypoints.iter().flatten().map(|k| k.score).sum::<f32>();
         let score = sum / found as f32;
-        (sum + body.limb_sum >= MIN_EVIDENCE).then_some(Person { skeleton: self.skeleton, keypoints, score })
+        (sum + body.limb_sum() >= MIN_EVIDENCE).then_some(Person { skeleton: self.skeleton, keypoints, score })
     }
 }
 

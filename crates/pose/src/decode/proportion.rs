@@ -68,7 +68,7 @@ mod tests {
     /// The limb that is found too long in a body of limbs of one typical length, and of these lengths in cells.
     fn misfit_of(lengths: &[f32]) -> Option<usize> {
         let limb = |i| (i, Connection { from: 0, to: 0, score: 1.0, rank: 1.0 });
-        let body = Body { parts: Vec::new(), limb_sum: 1.0, limbs: (0..lengths.len()).map(limb).collect() };
+        let body = Body { parts: Vec::new(), limbs: (0..lengths.len()).map(limb).collect() };
         let typical = vec![Some(0.3); lengths.len()];
         misfit(&[body], &typical, |i, _| lengths[i]).map(|(i, _)| i)
     }
@@ -85,7 +85,7 @@ mod tests {
     #[test]
     fn limbs_are_compared_in_the_lengths_that_they_have_in_a_human() {
         let limb = |i| (i, Connection { from: 0, to: 0, score: 1.0, rank: 1.0 });
-        let body = Body { parts: Vec::new(), limb_sum: 1.0, limbs: (0..4).map(limb).collect() };
+        let body = Body { parts: Vec::new(), limbs: (0..4).map(limb).collect() };
         // An upper arm that is long for the eyes beside it; without a typical length nothing is known.
         let (arm, eye) = (typical_m(Part::LeftShoulder, Part::LeftElbow), typical_m(Part::Nose, Part::LeftEye));
         let length = |i: usize, _: &Connection| if i == 0 { 33.0 } else { 5.0 };
