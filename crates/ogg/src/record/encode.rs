@@ -12,7 +12,7 @@ use foxglove::messages::{
     points_annotation,
 };
 use image::RgbImage;
-use image::codecs::jpeg::JpegEncoder;
+use jpeg_encoder::{ColorType, EncodingError, SamplingFactor};
 use prost::Message;
 
 use super::sample::{CameraInfo, JointStream, JointValue, KeypointState, Level, Sample, Skeleton};
@@ -88,22 +88,20 @@ impl Encoder {
 
     /// The whole factor by which pictures of this size are reduced.
     fn divisor(&self, width: u32, height: u32) -> u32 {
-        width.max(height).div_ceil(self.max_image_side_px.max(1)).max(1)
+        width.max(height).div_ceil(self.max_image_side_px.clamp(1, u32::from(u16::MAX))).max(1)
     }
 
     /// Turns a sample into its messages.
-    pub(super) fn encode(&self, at: Duration, sample: &Sample) -> Result<Vec<Encoded>, image::ImageError> {
+    pub(super) fn encode(&self, at: Duration, sample: &Sample) -> Result<Vec<Encoded>, EncodingError> {
         let timestamp = Some(self.timestamp(at));
         Ok(match sample {
             Sample::Image { camera, image } => {
                 let divisor = self.divisor(image.width(), image.height());
-                let mut data = Vec::new();
-                let mut jpeg = JpegEncoder::new_with_quality(&mut data, self.jpeg_quality);
-                if divisor == 1 {
-                    jpeg.encode_image(&**image)?;
+                let data = if divisor == 1 {
+                    jpeg(image, self.jpeg_quality)?
                 } else {
-                    jpeg.encode_image(&reduced(image, divisor))?;
-                }
+                    jpeg(&reduced(image, divisor), self.jpeg_quality)?
+                };
                 let message = CompressedImage {
                     timestamp,
                     frame_id: camera_frame(*camera, self.cameras),
@@ -327,8 +325,20 @@ fn reduced(image: &RgbImage, n: u32) -> RgbImage {
     RgbImage::from_raw(width, height, out).unwrap_or_default()
 }
 
+/// JPEG with its colours at half the resolution (4:2:0), as cameras send them.
+fn jpeg(image: &RgbImage, quality: u8) -> Result<Vec<u8>, EncodingError> {
+    let mut data = Vec::new();
+    let mut encoder = jpeg_encoder::Encoder::new(&mut data, quality);
+    encoder.set_sampling_factor(SamplingFactor::R_4_2_0);
+    let [width, height] = [image.width(), image.height()].map(|side| u16::try_from(side).unwrap_or(u16::MAX));
+    encoder.encode(image, width, height, ColorType::Rgb)?;
+    Ok(data)
+}
+
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use image::Rgb;
 
     use super::super::sample::PixelPoint;
@@ -345,6 +355,25 @@ mod tests {
         assert_eq!(small.dimensions(), (2, 2));
         assert_eq!(small.get_pixel(0, 0).0, [5, 5, 7]);
         assert_eq!(small.get_pixel(1, 1).0, [25, 25, 7]);
+    }
+
+    #[test]
+    fn another_library_reads_the_picture_that_was_written() {
+        // Odd sides: the last block of colours is cut off.
+        let image = RgbImage::from_fn(161, 91, |x, y| Rgb([x as u8, 255 - y as u8, 128]));
+        let read = |max_image_side_px| {
+            let sample = Sample::Image { camera: 0, image: Arc::new(image.clone()) };
+            let encoded = encoder(max_image_side_px).encode(Duration::ZERO, &sample).unwrap();
+            let message = CompressedImage::decode(&*encoded[0].bytes).unwrap();
+            image::load_from_memory_with_format(&message.data, image::ImageFormat::Jpeg).unwrap().to_rgb8()
+        };
+        let off = |seen: &RgbImage, meant: &RgbImage| {
+            assert_eq!(seen.dimensions(), meant.dimensions());
+            let sum: u32 = seen.iter().zip(meant.iter()).map(|(&a, &b)| u32::from(a.abs_diff(b))).sum();
+            f64::from(sum) / seen.len() as f64
+        };
+        assert!(off(&read(960), &image) < 2.0, "{}", off(&read(960), &image));
+        assert!(off(&read(100), &reduced(&image, 2)) < 2.0);
     }
 
     #[test]
