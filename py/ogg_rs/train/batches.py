@@ -20,6 +20,7 @@ from torch import Tensor
 
 from . import augment, targets
 from .augment import AugmentParams, Sample
+from .coco import People
 from .skeleton import Skeleton
 from .targets import Maps, State
 from .views import from_behind, from_the_side
@@ -30,6 +31,19 @@ class Pictures(Protocol):
 
     def __len__(self) -> int: ...
     def __getitem__(self, i: int) -> Sample: ...
+
+
+class LabelledPictures(Pictures, Protocol):
+    """Samples whose labels are known before their pixels are read."""
+
+    @property
+    def people(self) -> Sequence[People]:
+        """The people of each picture."""
+        ...
+
+    def visible(self, i: int) -> np.ndarray:
+        """Which joints `(n, parts)` of a picture are marked visible."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -60,7 +74,7 @@ class Joined:
     often again and again as `behind` says and those seen `from_the_side` as `sideways` says: photographs show fronts, and
     a network that has hardly seen a back gives it the arms of a front, right and left exchanged."""
 
-    def __init__(self, sets: Sequence[tuple[Pictures, int]], *, behind: int = 1, sideways: int = 1) -> None:
+    def __init__(self, sets: Sequence[tuple[LabelledPictures, int]], *, behind: int = 1, sideways: int = 1) -> None:
         def times(joints_px: NDArray[np.float32], states: NDArray[np.int64]) -> int:
             if behind > 1 and from_behind(joints_px, states):
                 return behind

@@ -29,6 +29,9 @@ from .augment import Sample
 from .skeleton import ARM_PARTS, COCO17, NECK, OPENPOSE18, PARTS, Skeleton
 from .targets import State
 
+People = tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.float32]]
+"""Of a picture: joints `(n, parts, 2)` in pixels, states `(n, parts)` and boxes `(n, 4)`."""
+
 COCO_CENTRE_PX = 0.5
 """From COCO's pixel coordinates (centre of the first pixel) to continuous ones (its corner)."""
 
@@ -113,11 +116,12 @@ class CocoKeypoints:
         for annotation in index["annotations"]:
             by_image.setdefault(annotation["image_id"], []).append(annotation)
         self.records = [image for image in index["images"] if image["id"] in by_image]
-        self.people = []
+        self.people: list[People] = []
         for image in self.records:
             size = (image["width"], image["height"])
             people = [person(a, places.get(a["id"]), size) for a in by_image[image["id"]]]
-            self.people.append(tuple(np.stack(column) for column in zip(*people, strict=True)))
+            joints, states, boxes = (np.stack(column) for column in zip(*people, strict=True))
+            self.people.append((joints, states, boxes))
         self._by_image = by_image
         self._pixels = self._cached() if cache else None
 

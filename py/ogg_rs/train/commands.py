@@ -23,6 +23,7 @@ from .engine import FitParams, average_into, fit, has_amx_bf16
 from .evaluate import Case, onnx_runner, score_found, table
 from .export import export
 from .nets import build, parameter_count
+from .seen import best_person
 from .skeleton import ARM_PARTS, PARTS, SKELETONS
 from .targets import State
 from .team import Team
@@ -130,7 +131,7 @@ def label(options: argparse.Namespace) -> None:
     """`label`."""
     if options.every < 1 or options.side < 32:
         raise ValueError(f"--every, --side: expected at least 1 and 32, got {options.every} and {options.side}")
-    teacher = teaching.network(options.teacher, options.weights, threads=options.threads)
+    teacher = best_person(options.teacher, "coco-17", weights=options.weights, threads=options.threads)
     count, labelled = teaching.write(options.out, options.pictures, teacher, every=options.every, side=options.side)
     print(f"{options.out}: {labelled} of {count} pictures labelled")
 

@@ -25,6 +25,7 @@ from PIL import Image
 from . import augment
 from .coco import COCO_CENTRE_PX
 from .evaluate import FLOOR, decode_single
+from .seen import best_person
 from .skeleton import ARM_PARTS, PARTS
 
 HAND_LABELS = Path(__file__).parent / "data" / "hand_labels.csv"
@@ -68,22 +69,16 @@ def map_answer(run: object, size: tuple[int, int], normalise: object, stride: in
 
 def people_answer(model: Path) -> Answer:
     """The best person as the daemon finds them: peaks joined by limbs; needs the installed wheel."""
-    try:
-        from .. import pose
-    except ImportError as error:
-        raise ImportError(f"{error}: the decoder is in the native module: pip install ogg_rs") from error
     card = model.with_suffix(".toml")
     if not card.is_file():
         raise FileNotFoundError(f"{card}: expected the card of the network")
-    estimator = pose.Estimator(str(card), threads=1)
+    seen = best_person(card, "openpose-18")
 
     def answer(image: Image.Image) -> Found:
-        estimator.reset()
-        people, found = estimator.estimate(np.asarray(image)), np.zeros((len(PARTS), 3))
-        if len(people.scores):
-            found[:] = pose.convert(people.keypoints[:1], estimator.skeleton.name, "openpose-18")[0]
-            found[:, :2] += COCO_CENTRE_PX
-        return found
+        found = seen(image)
+        if found is None:
+            return np.zeros((len(PARTS), 3))
+        return found + (COCO_CENTRE_PX, COCO_CENTRE_PX, 0)
 
     return answer
 

@@ -54,24 +54,6 @@ class Teacher(Protocol):
     def __call__(self, image: Image.Image) -> Joints | None: ...
 
 
-def network(card: str, weights: Sequence[Path], *, threads: int) -> Teacher:
-    """The network of a model card, as the daemon runs it; needs the installed wheel."""
-    try:
-        from .. import pose
-    except ImportError as error:
-        raise ImportError(f"{error}: labelling runs the teacher through the native module: pip install ogg_rs") from error
-    estimator = pose.Estimator(card, weights_dirs=weights, threads=threads)
-
-    def answer(image: Image.Image) -> Joints | None:
-        estimator.reset()
-        people = estimator.estimate(np.asarray(image))
-        if not len(people.scores):
-            return None
-        return pose.convert(people.keypoints[:1], estimator.skeleton.name, "coco-17")[0].astype(np.float64)
-
-    return answer
-
-
 def torso_px(joints: Joints) -> float:
     """The longest of both shoulder to hip distances and both upper arms as torsos, of sure joints; NaN where none is."""
     lengths = [np.nan]
