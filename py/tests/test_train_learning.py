@@ -252,7 +252,7 @@ def test_a_picture_without_a_torso_has_no_measure_and_is_left_out_aloud(
     assert cli.main(["export", "--run", str(fit_out), "--out", str(model)]) == 0
     assert cli.main(["eval", "--model", str(model), "--data", str(tmp_path)]) == 0
     said = capsys.readouterr().out
-    assert "left out: 0 pictures of several people, 1 without a shoulder and hip of one side" in said
+    assert "left out of PCK: 0 pictures of several people, 1 without a shoulder and hip of one side" in said
     assert "visible joints, 19 pictures" in said
 
 

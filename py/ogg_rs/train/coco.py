@@ -140,11 +140,11 @@ class CocoKeypoints:
         names = [self._fabric.get(self._by_image[record["id"]][0]["id"], []) for record in self.records]
         return [np.isin(PARTS, covered) for covered in names]
 
-    def torso_px(self, i: int) -> float:
-        """Mean distance of the first person's shoulders to the hips, from true places where they are known; of one side
+    def torso_px(self, i: int, person: int = 0) -> float:
+        """Mean distance of a person's shoulders to the hips, from true places where they are known; of one side
         where only that one has both ends, NaN where neither has."""
-        joints, states, _ = (column[0] for column in self.people[i])
-        places = self._places.get(self._by_image[self.records[i]["id"]][0]["id"])
+        joints, states, _ = (column[person] for column in self.people[i])
+        places = self._places.get(self._by_image[self.records[i]["id"]][person]["id"])
         if places is None:
             places = np.where((states == State.UNKNOWN)[:, None], np.float32(np.nan), joints)
         sides = ((PARTS.index(f"{s}_shoulder"), PARTS.index(f"{s}_hip")) for s in ("right", "left"))

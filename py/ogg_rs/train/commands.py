@@ -7,7 +7,7 @@ import copy
 import json
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ import torch
 from PIL import Image
 from tqdm import tqdm
 
-from . import card, puppets, quantise, real, teaching
+from . import card, grouping, puppets, quantise, real, teaching
 from .augment import AugmentParams
 from .batches import BatchMaker, Joined, Normalisation
 from .coco import CocoKeypoints
@@ -23,7 +23,7 @@ from .engine import FitParams, average_into, fit, has_amx_bf16
 from .evaluate import Case, onnx_runner, score_found, table
 from .export import export
 from .nets import build, parameter_count
-from .seen import best_person
+from .seen import best_person, everybody
 from .skeleton import ARM_PARTS, PARTS, SKELETONS
 from .targets import State
 from .team import Team
@@ -249,7 +249,7 @@ def score_data(options: argparse.Namespace) -> None:
     measured = [i for i in alone if data.torso_px(i) > 0]
     if len(measured) < len(data):
         print(
-            f"left out: {len(data) - len(alone)} pictures of several people, {len(alone) - len(measured)} without a shoulder "
+            f"left out of PCK: {len(data) - len(alone)} pictures of several people, {len(alone) - len(measured)} without a shoulder "
             "and hip of one side"
         )
     for i in measured:
@@ -258,7 +258,11 @@ def score_data(options: argparse.Namespace) -> None:
         counts = {"visible": labelled & seen, "covered": labelled & ~seen, "under fabric": labelled & fabric[i]}
         for name, cases in subsets.items():
             cases.append(Case(sample.image, sample.joints_px[0], counts[name], data.torso_px(i)))
-    report = {}
+    report: dict[str, dict] = {}
+    if options.decoder and len(alone) < len(data):
+        together = grouping.judge(data, everybody(options.model.with_suffix(".toml"), "openpose-18"))
+        print(together)
+        report["several people"] = asdict(together)
     found = None
     for subset, cases in subsets.items():
         if not any(c.counts.any() for c in cases):

@@ -1,4 +1,4 @@
-"""The best person of a picture as the daemon sees them: the native estimator, picture by picture."""
+"""People of a picture as the daemon sees them: the native estimator, picture by picture."""
 
 from __future__ import annotations
 
@@ -13,21 +13,32 @@ Seen = NDArray[np.float64]
 """Joints `(n, 3)` in the order that was asked for: x, y in pixels from the centre of the first one, and the score."""
 
 
-def best_person(
+def everybody(
     card: str | Path, skeleton: str, *, weights: Sequence[str | Path] = (), threads: int = 1
-) -> Callable[[Image.Image], Seen | None]:
-    """The network of a model card; its answer is `None` where there is nobody. Needs the installed wheel."""
+) -> Callable[[Image.Image], Seen]:
+    """The network of a model card; its answer is all people `(people, n, 3)`, the surest first. Needs the installed wheel."""
     try:
         from .. import pose
     except ImportError as error:
         raise ImportError(f"{error}: the network runs in the native module: pip install ogg_rs") from error
     estimator = pose.Estimator(card, weights_dirs=weights, threads=threads)
 
-    def answer(image: Image.Image) -> Seen | None:
+    def answer(image: Image.Image) -> Seen:
         estimator.reset()
         people = estimator.estimate(np.asarray(image))
-        if not len(people.scores):
-            return None
-        return pose.convert(people.keypoints[:1], estimator.skeleton.name, skeleton)[0].astype(np.float64)
+        return pose.convert(people.keypoints, estimator.skeleton.name, skeleton).astype(np.float64)
+
+    return answer
+
+
+def best_person(
+    card: str | Path, skeleton: str, *, weights: Sequence[str | Path] = (), threads: int = 1
+) -> Callable[[Image.Image], Seen | None]:
+    """The surest person of `everybody`, `None` where there is nobody."""
+    people = everybody(card, skeleton, weights=weights, threads=threads)
+
+    def answer(image: Image.Image) -> Seen | None:
+        found = people(image)
+        return found[0] if len(found) else None
 
     return answer
