@@ -13,9 +13,11 @@
 
 mod machine;
 mod motion;
+mod output;
 mod params;
 
+pub use machine::Controller;
 pub(crate) use machine::STOP_COPY_AFTER;
-pub use machine::{ActedSet, Controller, ControllerOutput, Drive, JointState, SetCounts};
 pub use motion::Setpoint;
+pub use output::{ActedSet, ControllerOutput, Drive, JointState, SetCounts};
 pub use params::ControllerParams;
