@@ -19,9 +19,11 @@
 //! can be taken for one of the old.
 
 mod link;
+mod output;
 mod params;
 mod session;
 
 pub use link::LinkReport;
+pub use output::{Command, Feedback, HostOutput, HostState};
 pub use params::HostParams;
-pub use session::{Command, Feedback, HostOutput, HostSession, HostState};
+pub use session::HostSession;
