@@ -7,13 +7,15 @@ mod angle;
 mod cause;
 mod codec;
 mod crc;
+mod message;
 mod tables;
 
 pub use angle::{ANGLE_LSB_RAD, Angle};
 pub use cause::StopCause;
-pub use codec::{Commit, Config, ControllerState, Corrupt, Counted, Direction, Message, Mode, Protocol, Status};
+pub use codec::{Corrupt, Protocol};
 pub use crc::crc16;
 pub(crate) use crc::crc32;
+pub use message::{Commit, Config, ControllerState, Counted, Direction, Message, Mode, Status};
 
 /// The DBC file of the protocol.
 pub const DBC: &str = include_str!("../../protocol/ogg-joint.dbc");
