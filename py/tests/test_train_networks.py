@@ -175,26 +175,39 @@ def test_a_network_starts_from_one_with_fewer_blocks(tmp_path: Path, monkeypatch
         small = trained_looking(OggLite(19, 38))
     torch.save({"average": small.state_dict()}, tmp_path / "small.pt")
     large = OggLite(19, 38)
-    assert start_from(large, tmp_path / "small.pt") == [f"context.inner.before.{i}" for i in range(2, len(lite.COARSEST))]
+    assert start_from(large, [tmp_path / "small.pt"]) == [f"context.inner.before.{i}" for i in range(2, len(lite.COARSEST))]
     x = torch.rand(1, 3, 64, 64, generator=torch.Generator().manual_seed(2)) - 0.5
     with torch.no_grad():
         for before, after in zip(small(x)[-1], large.eval()(x)[-1], strict=True):
             assert torch.equal(before, after)
     torch.save({"average": large.state_dict()}, tmp_path / "large.pt")
-    assert start_from(OggLite(19, 38), tmp_path / "large.pt") == []
+    assert start_from(OggLite(19, 38), [tmp_path / "large.pt"]) == []
     with pytest.raises(ValueError, match=r"large.pt: expected .* fewer residual blocks, they differ in context.inner.before.2"):
-        start_from(small, tmp_path / "large.pt")
+        start_from(small, [tmp_path / "large.pt"])
+
+
+def test_several_starts_are_averaged(tmp_path: Path) -> None:
+    states = []
+    for k in range(3):
+        torch.manual_seed(k)
+        states.append(OggLite(19, 38).state_dict())
+        torch.save({"average": states[-1]}, tmp_path / f"{k}.pt")
+    network = OggLite(19, 38)
+    assert start_from(network, [tmp_path / f"{k}.pt" for k in range(3)]) == []
+    for name, values in network.state_dict().items():
+        if values.is_floating_point():
+            torch.testing.assert_close(values, sum(state[name] for state in states) / 3)
 
 
 def test_weights_of_another_network_are_no_start(tmp_path: Path) -> None:
     torch.save({"average": OggLite(9, 12).state_dict()}, tmp_path / "arms.pt")
     with pytest.raises(ValueError, match=r"arms.pt: expected weights of this network.*stages.0.pcm.weight"):
-        start_from(OggLite(19, 38), tmp_path / "arms.pt")
+        start_from(OggLite(19, 38), [tmp_path / "arms.pt"])
     state = OggLite(19, 38).state_dict()
     del state["stem.0.0.weight"]
     torch.save({"average": state}, tmp_path / "stem.pt")
     with pytest.raises(ValueError, match=r"they differ in stem.0.0.weight$"):
-        start_from(OggLite(19, 38), tmp_path / "stem.pt")
+        start_from(OggLite(19, 38), [tmp_path / "stem.pt"])
 
 
 def test_ogg_lite_names_the_sides_it_takes() -> None:

@@ -72,7 +72,8 @@ def parser() -> argparse.ArgumentParser:
     fit.add_argument("--annotations", default="annotations.json", help="name of the annotation file in each folder")
     fit.add_argument("--images", type=Path, help="folder of the pictures, where it is not the data folder")
     fit.add_argument("--out", type=Path, required=True, help="folder for checkpoint, log and parameters")
-    fit.add_argument("--start", type=Path, help="checkpoint.pt of an earlier run to start from")
+    fit.add_argument("--start", type=Path, nargs="+", default=[], metavar="FILE",
+                     help="checkpoint.pt of an earlier run to start from, or of several: their mean")  # fmt: skip
     fit.add_argument("--teacher", type=Path, help="exported .onnx of the same size and profile: fuse its labels (3)")
     fit.add_argument("--size", type=size, default=(256, 192), metavar="WxH")
     fit.add_argument("--steps", type=int, required=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import copy
 import json
 import math
 from collections.abc import Callable
@@ -19,7 +18,7 @@ from . import card, grouping, puppets, quantise, real, teaching
 from .augment import AugmentParams
 from .batches import BatchMaker, Joined, Normalisation
 from .coco import CocoKeypoints
-from .engine import FitParams, average_into, fit, has_amx_bf16
+from .engine import FitParams, fit, has_amx_bf16, start_from
 from .evaluate import Case, onnx_runner, score_found, table
 from .export import export
 from .nets import build, parameter_count
@@ -103,11 +102,7 @@ def write_onnx(options: argparse.Namespace) -> None:
     about = json.loads((options.run[-1] / "network.json").read_text())
     skeleton = SKELETONS[about["profile"]]
     network = build(about["network"], skeleton)
-    mean = copy.deepcopy(network)
-    for number, run in enumerate(options.run, 1):
-        network.load_state_dict(torch.load(run / "checkpoint.pt", weights_only=True)["average"])
-        average_into(mean, network, 1 - 1 / number)
-    network = mean
+    start_from(network, [run / "checkpoint.pt" for run in options.run])
     metadata = {"network": about["network"], "profile": about["profile"], "licence": "MIT OR Apache-2.0"}
     options.out.parent.mkdir(parents=True, exist_ok=True)
     digest = export(network, tuple(about["size"]), options.out, half=options.half, metadata=metadata)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import copy
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -87,12 +87,22 @@ def has_amx_bf16() -> bool:
     return bool(check()) if check else False
 
 
-def start_from(network: nn.Module, path: Path) -> list[str]:
-    """Loads the averaged weights of the checkpoint `path`, and names the residual blocks that they lack: those stay the
-    identities that they began as, so that the network computes what the smaller one did.
+def start_from(network: nn.Module, paths: Sequence[Path]) -> list[str]:
+    """Loads the averaged weights of checkpoints, of several their mean, and names the residual blocks that one of them lacks: those
+    are identities, so that the network computes what the smaller one did.
 
     Raises `ValueError` where anything else is missing, left over, or of another shape.
     """
+    mean, new = copy.deepcopy(network), []
+    for number, path in enumerate(paths, 1):
+        one = copy.deepcopy(network)
+        new += [block for block in _load(one, path) if block not in new]
+        average_into(mean, one, 1 - 1 / number)
+    network.load_state_dict(mean.state_dict())
+    return new
+
+
+def _load(network: nn.Module, path: Path) -> list[str]:
     weights, own = torch.load(path, weights_only=True)["average"], network.state_dict()
     lacking = own.keys() - weights.keys()
     blocks = [
@@ -115,12 +125,12 @@ def fit(
     params: FitParams,
     out: Path,
     *,
-    start: Path | None = None,
+    start: Sequence[Path] = (),
     teacher: Teacher | None = None,
 ) -> nn.Module:
     """Trains and returns the averaged network, resuming from `out/checkpoint.pt` where there is one.
 
-    `start` gives initial weights of an earlier run (its averaged network). With a `teacher` the labels are fused with
+    `start` gives initial weights: those of an earlier run (its averaged network), or the mean of several. With a `teacher` the labels are fused with
     its maps (3) before the loss, which makes the loss that of (4). All processes of a `Team` train one network.
     """
     params = params.validate()
@@ -128,10 +138,10 @@ def fit(
     out.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(params.threads)
     torch.manual_seed(make_batch.seed)
-    if start is not None:
+    if start:
         new = start_from(network, start)
         if new and team.leads:
-            print(f"{start}: has no {', '.join(new)}; they begin as identities")
+            print(f"--start: {', '.join(new)} not there; they begin as identities")
     network = network.to(memory_format=torch.channels_last).train()
     averaged = copy.deepcopy(network)
     optimiser = torch.optim.AdamW(network.parameters(), params.learning_rate, weight_decay=params.weight_decay, fused=True)
