@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
+from train_support import require_training_packages
 
-pytest.importorskip("torch")
+require_training_packages()
 
+import numpy as np
 from ogg_rs.train import grouping
 from ogg_rs.train.coco import COCO_CENTRE_PX, CocoKeypoints
 from ogg_rs.train.grouping import Grouping, Person

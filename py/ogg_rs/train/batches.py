@@ -21,6 +21,7 @@ from torch import Tensor
 from . import augment, targets
 from .augment import AugmentParams, Sample
 from .coco import People
+from .empty import nobody
 from .skeleton import Skeleton
 from .targets import Maps, State
 from .views import from_behind, from_the_side
@@ -142,6 +143,8 @@ class BatchMaker:
     seed: int
     augment: AugmentParams
     normalise: Normalisation
+    nobody: float = 0.0
+    """Share of the pictures whose people are taken away."""
 
     def __call__(self, step: int) -> Batch:
         per_epoch = max(1, len(self.pictures) // self.batch)
@@ -150,7 +153,10 @@ class BatchMaker:
         rng = np.random.default_rng((self.seed, 2, step))
         images, people = [], []
         for i in order[k * self.batch : (k + 1) * self.batch]:
-            pixels, *person = augment.apply(self.pictures[int(i)], self.size, self.skeleton, self.augment, rng)
+            sample = self.pictures[int(i)]
+            if self.nobody > 0 and rng.random() < self.nobody:
+                sample = nobody(sample, rng)
+            pixels, *person = augment.apply(sample, self.size, self.skeleton, self.augment, rng)
             images.append(pixels)
             people.append(tuple(person))
         joints, states, boxes = stack_people(people, len(self.skeleton.parts))

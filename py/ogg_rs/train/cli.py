@@ -87,6 +87,8 @@ def parser() -> argparse.ArgumentParser:
     fit.add_argument("--rotation", type=float, metavar="DEG", help="largest random rotation; by default 22 times the strength")
     fit.add_argument("--behind", type=int, default=1, metavar="N", help="show people seen from behind N times as often")
     fit.add_argument("--sideways", type=int, default=1, metavar="N", help="show people seen from the side N times as often")
+    fit.add_argument("--nobody", type=float, default=0.0, metavar="SHARE",
+                     help="share of the pictures whose people are painted over or that are blank: there is nobody to find")  # fmt: skip
     fit.add_argument("--threads", type=int, default=1, help="set to the number of cores that are otherwise idle")
     fit.add_argument("--processes", type=int, default=1, metavar="N",
                      help="processes that share the work, each with --batch pictures a step; on a CPU better than --threads")  # fmt: skip
@@ -141,6 +143,7 @@ def parser() -> argparse.ArgumentParser:
     source.add_argument("--reference", type=Path, metavar="DIR", help="folder with camNN.mp4 and reference2d.csv")
     source.add_argument("--crops", type=Path, help=".npz of labelled crops (C, U, T, tag)")
     source.add_argument("--hand", type=Path, metavar="DIR", help="folder of the recordings that hand_labels.csv names")
+    source.add_argument("--nobody", type=Path, metavar="DIR", help="folder of pictures without people: how often somebody is found; needs the wheel")
     evaluate.add_argument("--decoder", action="store_true",
                           help="joints as the daemon finds them, peaks joined by limbs, instead of each map's highest peak; needs the wheel")  # fmt: skip
     evaluate.add_argument("--every", type=int, default=1, help="judge every n-th frame of --reference")

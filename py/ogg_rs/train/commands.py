@@ -55,6 +55,8 @@ def train(options: argparse.Namespace) -> None:
     """`fit`."""
     if options.processes < 1:
         raise ValueError(f"--processes: expected at least 1, got {options.processes}")
+    if not 0 <= options.nobody <= 1:
+        raise ValueError(f"--nobody: expected a share from 0 to 1, got {options.nobody}")
     skeleton, team = SKELETONS[options.profile], Team.join()
 
     def read(path: Path) -> CocoKeypoints:
@@ -70,7 +72,7 @@ def train(options: argparse.Namespace) -> None:
     )  # fmt: skip
     maker = BatchMaker(
         Joined(sets, behind=options.behind, sideways=options.sideways), skeleton, options.size, options.batch, options.seed,
-        augmentation(options.strength, options.rotation), Normalisation(),
+        augmentation(options.strength, options.rotation), Normalisation(), options.nobody,
     )  # fmt: skip
     teacher = _teacher(options.teacher) if options.teacher else None
     pictures = sum(len(s) for s, _ in sets)
@@ -203,6 +205,9 @@ def score_model(options: argparse.Namespace) -> None:
     if options.data:
         score_data(options)
         return
+    if options.nobody:
+        score_nobody(options)
+        return
     answer = load_answer(options.model, decoder=options.decoder)
     if options.crops:
         cases = real.crop_cases(options.crops)
@@ -228,6 +233,21 @@ def score_model(options: argparse.Namespace) -> None:
             for subject, joints in scores.items()
         }
         options.json.write_text(json.dumps(rows, indent=1))
+
+
+def score_nobody(options: argparse.Namespace) -> None:
+    """People who are found where there is nobody."""
+    if not options.nobody.is_dir():
+        raise FileNotFoundError(f"{options.nobody}: expected a folder of pictures")
+    seen = everybody(options.model.with_suffix(".toml"), "openpose-18")
+    ghosts = [seen(picture.image) for picture in tqdm(teaching.shown([options.nobody], 1), desc="scoring", leave=False)]
+    if not ghosts:
+        raise FileNotFoundError(f"{options.nobody}: expected pictures ({', '.join(teaching.PICTURES)})")
+    surest = max((float(people[..., 2].max()) for people in ghosts if len(people)), default=0.0)
+    with_some = sum(len(people) > 0 for people in ghosts)
+    print(f"nobody there, {len(ghosts)} pictures: somebody found in {with_some}, surest keypoint {surest:.2f}")
+    if options.json:
+        options.json.write_text(json.dumps({"pictures": len(ghosts), "with_people": with_some, "surest": surest}))
 
 
 TINY = Image.new("RGB", (1, 1))
