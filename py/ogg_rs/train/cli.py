@@ -143,7 +143,8 @@ def parser() -> argparse.ArgumentParser:
     source.add_argument("--reference", type=Path, metavar="DIR", help="folder with camNN.mp4 and reference2d.csv")
     source.add_argument("--crops", type=Path, help=".npz of labelled crops (C, U, T, tag)")
     source.add_argument("--hand", type=Path, metavar="DIR", help="folder of the recordings that hand_labels.csv names")
-    source.add_argument("--nobody", type=Path, metavar="DIR", help="folder of pictures without people: how often somebody is found; needs the wheel")
+    source.add_argument("--nobody", type=Path, metavar="DIR",
+                        help="folder of pictures without people: how often somebody is found; needs the wheel")  # fmt: skip
     evaluate.add_argument("--decoder", action="store_true",
                           help="joints as the daemon finds them, peaks joined by limbs, instead of each map's highest peak; needs the wheel")  # fmt: skip
     evaluate.add_argument("--every", type=int, default=1, help="judge every n-th frame of --reference")

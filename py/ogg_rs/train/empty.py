@@ -26,7 +26,7 @@ def nobody(sample: Sample, rng: np.random.Generator) -> Sample:
 
 
 def blank(size: tuple[int, int], rng: np.random.Generator) -> Image.Image:
-    """One colour, a slope between two, or noise about one."""
+    """One colour, a slope between two, or noise about such a slope."""
     width, height = size
     first, second = rng.uniform(0, 255, (2, 3))
     kind = rng.integers(3)

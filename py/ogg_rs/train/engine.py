@@ -130,8 +130,9 @@ def fit(
 ) -> nn.Module:
     """Trains and returns the averaged network, resuming from `out/checkpoint.pt` where there is one.
 
-    `start` gives initial weights: those of an earlier run (its averaged network), or the mean of several. With a `teacher` the labels are fused with
-    its maps (3) before the loss, which makes the loss that of (4). All processes of a `Team` train one network.
+    `start` gives initial weights: those of an earlier run (its averaged network), or the mean of several. With a `teacher` the
+    labels are fused with its maps (3) before the loss, which makes the loss that of (4). All processes of a `Team` train one
+    network.
     """
     params = params.validate()
     team = Team.join()
