@@ -22,16 +22,22 @@ fn six_joints_at_500_hz_without_a_cycle_missed_by_our_code() {
     // processor away, and sets that the kernel did not take. Of the former some are a hypervisor that held
     // the whole guest up, which cannot be seen from inside.
     let ours = |report: &Value| report["slow_cycles"].as_u64().unwrap() + report["transmit_full"].as_u64().unwrap();
+    // A kernel that counts processor time by its ticks charges whole ticks to a process that wakes with them; the work by the clock,
+    // interruptions included, is the other bound.
+    let needs_us = |report: &Value| {
+        let of = |field: &str| report[field].as_f64().unwrap();
+        of("processor_us_per_cycle").min(of("work_us_per_cycle"))
+    };
     let holds = |report: &Value| {
         let cycles = report["cycles"].as_u64().unwrap();
-        let calm = report["processor_us_per_cycle"].as_f64().unwrap() < 400.0;
+        let calm = needs_us(report) < 400.0;
         active(report) && calm && ours(report) * 1000 <= cycles && cycles as f64 >= 0.95 * 500.0 * seconds
     };
     let Some((report, ())) = judged(holds, || (exchange(&name, seconds), ())) else { return };
     let count = |field: &str| report[field].as_u64().unwrap();
     assert_eq!(report["state"], "Active", "{report}");
     let ours = ours(&report);
-    let processor_us = report["processor_us_per_cycle"].as_f64().unwrap();
+    let processor_us = needs_us(&report);
     eprintln!(
         "500 Hz for {seconds} s: {} cycles, {ours} missed for no reason seen here, {} by late wake-ups, {} by other processes; \
          {processor_us:.0} us of processor time a cycle; longest undisturbed work {} us; round trip us {}",

@@ -106,7 +106,7 @@ fn host(
     let mut session = HostSession::new(params)?;
     let mut rx: Vec<Event> = Vec::with_capacity(256);
     let mut histogram = Histogram { counts: [0; 101], worst: Duration::ZERO };
-    let mut longest_work = Duration::ZERO;
+    let (mut longest_work, mut whole_work) = (Duration::ZERO, Duration::ZERO);
     let (mut late_wakes, mut slow_cycles, mut held_up, mut cycles) = (0_u64, 0_u64, 0_u64, 0_u64);
     let mut wanted: Vec<f64> = Vec::with_capacity(6);
     let mut active: Option<Duration> = None;
@@ -159,6 +159,7 @@ fn host(
             histogram.add(late);
             late_wakes += u64::from(late >= cycle);
             let work = start.elapsed().saturating_sub(now);
+            whole_work += work;
             let before = std::mem::replace(&mut switches, usage()?.1);
             let undisturbed = switches == before;
             slow_cycles += u64::from(work >= cycle && undisturbed);
@@ -191,6 +192,7 @@ fn host(
         "state": format!("{state:?}"), "cause": cause.map(StopCause::code), "cause_text": cause.map(|c| c.to_string()),
         "cycles": cycles, "late_wakes": late_wakes, "slow_cycles": slow_cycles, "held_up": held_up,
         "processor_us_per_cycle": usage()?.0.as_secs_f64() * 1e6 / (link.sets_sent.max(1) as f64),
+        "work_us_per_cycle": whole_work.as_secs_f64() * 1e6 / (cycles.max(1) as f64),
         "longest_work_us": longest_work.as_micros() as u64,
         "wake_late_us": {"p50": histogram.quantile_us(0.5), "p99": histogram.quantile_us(0.99),
             "p999": histogram.quantile_us(0.999), "max": histogram.worst.as_micros() as u64},
