@@ -14,6 +14,7 @@ mod protocol;
 mod receiver;
 #[cfg(target_os = "linux")]
 mod socket;
+mod stop;
 
 pub use bus::{Bus, BusFault, Event, SendOutcome};
 pub use candump::{CandumpLine, write_candump};

@@ -16,7 +16,7 @@ from PIL import Image
 from tqdm import tqdm
 
 from .coco import COCO_CENTRE_PX, CocoKeypoints
-from .skeleton import ARM_PARTS
+from .skeleton import ARM_PARTS, PARTS
 
 NEAR = 0.2
 SHARE = 0.6
@@ -75,7 +75,7 @@ def _near(person: Person, skeletons: Skeletons) -> NDArray[np.bool_]:
 
 def labelled(data: CocoKeypoints) -> Iterable[tuple[int, list[Person]]]:
     """Pictures of several people, each with enough visible arm joints and a torso to measure by."""
-    arms = np.isin(np.arange(data.people[0][0].shape[1]), ARM_PARTS) if len(data) else np.zeros(0, bool)
+    arms = np.isin(np.arange(len(PARTS)), ARM_PARTS)
     for i in range(len(data)):
         joints, visible = data.people[i][0], data.visible(i)
         people = [Person(j, v & arms, data.torso_px(i, k)) for k, (j, v) in enumerate(zip(joints, visible, strict=True))]

@@ -11,11 +11,10 @@ use super::motion::Generator;
 use super::output::{ActedSet, ControllerOutput, Drive, JointState, SetCounts};
 use super::params::ControllerParams;
 use crate::limits::{JointLimits, PARAMETERS};
-use crate::protocol::{Counted, Message};
+use crate::protocol::{Counted, Direction, Message};
 use crate::receiver::{Assembler, Receiver};
-use crate::{Angle, ControllerState, Error, Event, Frame, FrameList, MAX_JOINTS, PerJoint, Protocol, StopCause};
-
-pub(crate) use report::STOP_COPY_AFTER;
+use crate::stop::StopPair;
+use crate::{Angle, ControllerState, Error, Event, FrameList, MAX_JOINTS, PerJoint, Protocol, StopCause};
 
 /// Longest time that one tick moves the path: after a stall the path goes on, it never catches up.
 const LONGEST_TICK: Duration = Duration::from_millis(20);
@@ -78,8 +77,7 @@ pub struct Controller {
     last_heartbeat: Option<Duration>,
     report_counter: u8,
     tracking_since: Option<Duration>,
-    stop_copy: Option<(Duration, Frame)>,
-    stop_pending: bool,
+    stop_pair: StopPair,
     counts: SetCounts,
     measured_ok: bool,
 }
@@ -116,8 +114,7 @@ impl Controller {
             last_heartbeat: None,
             report_counter: 0,
             tracking_since: None,
-            stop_copy: None,
-            stop_pending: false,
+            stop_pair: StopPair::default(),
             counts: SetCounts::default(),
             measured_ok: false,
             params,
@@ -186,7 +183,9 @@ impl Controller {
             self.withdrawn = false;
             self.state = ControllerState::Ready;
         }
-        self.send_stop(now, &mut tx);
+        if let Some(stop) = self.stop_pair.due(now, self.protocol, self.report_counter, Direction::ToHost, self.cause) {
+            tx.push(stop);
+        }
         let unasked_after = self.params.report_period.max(self.cycle * 3 / 2);
         if report || self.last_report.is_none_or(|last| now.saturating_sub(last) >= unasked_after) {
             self.last_report = Some(now);
@@ -241,7 +240,7 @@ impl Controller {
         self.refusal = None;
         self.enable_was_low = false;
         self.withdrawn = false;
-        self.stop_pending = true;
+        self.stop_pair.ask();
     }
 }
 

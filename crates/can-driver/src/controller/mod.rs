@@ -17,7 +17,6 @@ mod output;
 mod params;
 
 pub use machine::Controller;
-pub(crate) use machine::STOP_COPY_AFTER;
 pub use motion::Setpoint;
 pub use output::{ActedSet, ControllerOutput, Drive, JointState, SetCounts};
 pub use params::ControllerParams;

@@ -12,7 +12,8 @@ use super::params::HostParams;
 use crate::limits::PARAMETERS;
 use crate::protocol::{Counted, Direction, Message, Status};
 use crate::receiver::Assembler;
-use crate::{Angle, Error, Event, Frame, FrameList, MAX_JOINTS, PerJoint, Protocol, SendOutcome, StopCause};
+use crate::stop::StopPair;
+use crate::{Angle, Error, Event, FrameList, MAX_JOINTS, PerJoint, Protocol, SendOutcome, StopCause};
 
 /// Cycles in a row that the bus may refuse.
 const FULL_CYCLES: u8 = 3;
@@ -58,8 +59,7 @@ pub struct HostSession {
     /// The controller has acknowledged this session.
     begun: bool,
     commanded: [Angle; MAX_JOINTS],
-    stop_pending: bool,
-    stop_copy: Option<(Duration, Frame)>,
+    stop_pair: StopPair,
     full_cycles: u8,
     speed_scale: f64,
 }
@@ -91,8 +91,7 @@ impl HostSession {
             config_counter: 0,
             begun: false,
             commanded: [Angle::NO_VALUE; MAX_JOINTS],
-            stop_pending: false,
-            stop_copy: None,
+            stop_pair: StopPair::default(),
             full_cycles: 0,
             speed_scale: 0.0,
         })
@@ -163,7 +162,9 @@ impl HostSession {
         self.command(command, cycles);
 
         let mut tx = FrameList::new();
-        self.send_stop(now, &mut tx);
+        if let Some(stop) = self.stop_pair.due(now, self.protocol, self.counter, Direction::ToController, self.cause) {
+            tx.push(stop);
+        }
         self.send_config(now, &mut tx);
         // Never more than the four frames of a set in one cycle: the bus may queue no more.
         if self.begun && tx.is_empty() {
@@ -212,7 +213,7 @@ impl HostSession {
         if self.state != HostState::Stopped {
             self.enter(HostState::Stopped);
             self.cause = Some(cause);
-            self.stop_pending = true;
+            self.stop_pair.ask();
         }
     }
 

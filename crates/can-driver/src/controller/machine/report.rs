@@ -1,32 +1,13 @@
-//! What the controller says: stops, angles and its status.
+//! What the controller says: angles and its status.
 
 use std::time::Duration;
 
 use super::Controller;
 use crate::controller::output::{Drive, JointState};
-use crate::protocol::{Counted, Direction, Message, Status};
+use crate::protocol::{Counted, Message, Status};
 use crate::{Angle, ControllerState, FrameList, MAX_JOINTS, StopCause};
 
-/// Distance in time between the two copies of a STOP.
-pub(crate) const STOP_COPY_AFTER: Duration = Duration::from_millis(1);
-
 impl Controller {
-    pub(super) fn send_stop(&mut self, now: Duration, tx: &mut FrameList) {
-        let message = |inverted| Message::Stop { direction: Direction::ToHost, inverted, cause: self.cause, joint: 0 };
-        if self.stop_pending {
-            self.stop_pending = false;
-            let counter = self.report_counter;
-            tx.push(self.protocol.encode(&Counted { message: message(false), counter }));
-            let copy = self.protocol.encode(&Counted { message: message(true), counter });
-            self.stop_copy = Some((now + STOP_COPY_AFTER, copy));
-        } else if let Some((due, copy)) = self.stop_copy
-            && now >= due
-        {
-            self.stop_copy = None;
-            tx.push(copy);
-        }
-    }
-
     pub(super) fn report(&mut self, now: Duration, measured: &[JointState], tx: &mut FrameList) {
         self.report_counter = self.report_counter.wrapping_add(1);
         let counter = self.report_counter;

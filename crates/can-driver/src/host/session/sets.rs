@@ -1,11 +1,10 @@
-//! The sets that leave: which angles, with which flags, and the stop that goes before them.
+//! The sets that leave: which angles, with which flags.
 
 use std::time::Duration;
 
 use super::HostSession;
-use crate::controller::STOP_COPY_AFTER;
 use crate::host::output::{Command, HostState};
-use crate::protocol::{Commit, Counted, Direction, Message, Mode};
+use crate::protocol::{Commit, Counted, Message, Mode};
 use crate::{ANGLE_LSB_RAD, Angle, FrameList, MAX_JOINTS, StopCause};
 
 /// Half a period of the reset flag, so that an edge that comes too early is followed by another.
@@ -56,23 +55,6 @@ impl HostSession {
             angles[i] = angle;
         }
         Ok(angles)
-    }
-
-    pub(super) fn send_stop(&mut self, now: Duration, tx: &mut FrameList) {
-        let message =
-            |inverted| Message::Stop { direction: Direction::ToController, inverted, cause: self.cause, joint: 0 };
-        let counter = self.counter;
-        if self.stop_pending {
-            self.stop_pending = false;
-            tx.push(self.protocol.encode(&Counted { message: message(false), counter }));
-            let copy = self.protocol.encode(&Counted { message: message(true), counter });
-            self.stop_copy = Some((now + STOP_COPY_AFTER, copy));
-        } else if let Some((due, copy)) = self.stop_copy
-            && now >= due
-        {
-            self.stop_copy = None;
-            tx.push(copy);
-        }
     }
 
     pub(super) fn send_set(&mut self, now: Duration, cycles: u32, tx: &mut FrameList) {
