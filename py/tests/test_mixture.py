@@ -2,8 +2,6 @@
 
 import copy
 import pickle
-import threading
-import time
 
 import numpy as np
 import pytest
@@ -171,27 +169,6 @@ def test_a_contiguous_input_reaches_the_native_half_uncopied(monkeypatch):
     x = data()
     ogg_rs.GaussianMixture().fit(x)
     assert seen[0] is x
-
-
-def test_the_interpreter_runs_while_a_fit_does():
-    x = data(40_000, 6)
-    arguments = {"tol": 0.0, "max_iter": 30, "random_state": 0}
-    done = threading.Event()
-    counts = {"during": 0}
-
-    def fit():
-        with pytest.warns(ogg_rs.ConvergenceWarning):
-            ogg_rs.GaussianMixture(8, **arguments).fit(x)
-        done.set()
-
-    worker = threading.Thread(target=fit)
-    worker.start()
-    # Each round hands the interpreter over; were it held by the fit, hardly a round would pass before its end.
-    while not done.is_set():
-        counts["during"] += 1
-        time.sleep(0)
-    worker.join()
-    assert counts["during"] > 1000
 
 
 @pytest.mark.parametrize(
