@@ -53,23 +53,25 @@ def test_two_fits_are_under_way_at_once():
 
 WORK = {
     "mixture": lambda: ogg_rs.GaussianMixture(6, tol=0.0, max_iter=25, random_state=0).fit(X),
-    "regressor": lambda: REGRESSOR.predict(X[:, :3], return_cov=True),
+    "regressor": lambda: REGRESSOR.predict(MANY, return_cov=True),
     "kinematics": lambda: ROBOT.ik(POSES),
     "targets": lambda: pose.encode_targets(JOINTS, STATES, BOXES, size=(368, 368)),
 }
 X = np.random.default_rng(0).normal(size=(30_000, 6))
+MANY = np.random.default_rng(3).normal(size=(400_000, 3))
 ROBOT = kin.Robot.builtin()
-POSES = ROBOT.fk(np.random.default_rng(1).uniform(-1.0, 1.0, (20_000, 6)))
-JOINTS = np.random.default_rng(2).uniform(0, 368, (24, 4, 18, 2)).astype(np.float32)
-STATES = np.full((24, 4, 18), 3, np.uint8)
-BOXES = np.zeros((24, 4, 4), np.float32)
+POSES = ROBOT.fk(np.random.default_rng(1).uniform(-1.0, 1.0, (4_000, 6)))
+JOINTS = np.random.default_rng(2).uniform(0, 368, (120, 4, 18, 2)).astype(np.float32)
+STATES = np.full((120, 4, 18), 3, np.uint8)
+BOXES = np.zeros((120, 4, 4), np.float32)
 REGRESSOR = ogg_rs.GaussianMixtureRegressor(4, random_state=0, max_iter=500).fit(X[:2000, :3], X[:2000, 3:])
 
 
 @pytest.mark.filterwarnings("ignore::ogg_rs.ConvergenceWarning")
 @pytest.mark.parametrize("name", WORK)
 def test_python_goes_on_while_native_code_works(name):
-    """A call that held the interpreter would let no other thread run between its first and its last instruction."""
+    """A call that held the interpreter would let no other thread run between its first and its last instruction. All of `WORK`
+    takes tens of milliseconds, so that another thread gets its turn on a busy machine too."""
     counted, running = [], threading.Event()
 
     def count():
