@@ -11,6 +11,10 @@
 
 mod bits;
 mod bus;
+mod params;
+mod wire;
 
 pub use bits::{Stuffing, frame_bits};
-pub use bus::{BusLoad, Faults, SimBus, SimBusParams, SimNode};
+pub use bus::{SimBus, SimNode};
+pub use params::{Faults, SimBusParams};
+pub use wire::BusLoad;

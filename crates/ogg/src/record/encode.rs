@@ -3,21 +3,24 @@
 //! Pictures are reduced by a whole factor so that their longer side stays within a limit; calibration and marks are reduced with
 //! them. With integer pixel centres, `x' = (x + 1/2) / n - 1/2`.
 
+mod marks;
+mod picture;
+
 use std::time::Duration;
 
 use foxglove::Encode;
 use foxglove::messages::{
-    CameraCalibration, Color, CompressedImage, FrameTransform, FrameTransforms, ImageAnnotations, JointState,
-    JointStates, Log, Point2, PointsAnnotation, Pose, PosesInFrame, Quaternion, Timestamp, Vector3, log,
-    points_annotation,
+    CameraCalibration, CompressedImage, FrameTransform, FrameTransforms, ImageAnnotations, JointState, JointStates,
+    Log, Pose, PosesInFrame, Quaternion, Timestamp, Vector3, log,
 };
-use image::RgbImage;
-use jpeg_encoder::{ColorType, EncodingError, SamplingFactor};
+use jpeg_encoder::EncodingError;
 use prost::Message;
 
-use super::sample::{CameraInfo, JointStream, JointValue, KeypointState, Level, Sample, Skeleton};
+use super::sample::{CameraInfo, JointStream, JointValue, KeypointState, Level, Sample};
 use super::schema::{KeypointMessage, KeypointsMessage, MetricMessage, MetricsMessage};
 use super::schema::{keypoints_schema, metrics_schema};
+use marks::{marks, shifted};
+use picture::{jpeg, reduced};
 
 /// Schema of a channel.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -258,184 +261,5 @@ fn joint_state(joint: &JointValue) -> JointState {
     }
 }
 
-fn shifted(pixel: f64, n: f64) -> f64 {
-    f64::midpoint(2.0 * pixel / n, 1.0 / n - 1.0)
-}
-
-/// Limbs as a line list and keypoints as points; a lost keypoint is left out with its limbs.
-fn marks(person: &Skeleton, timestamp: Option<Timestamp>, divisor: u32) -> [PointsAnnotation; 2] {
-    let colour = |r, g, b| Color { r, g, b, a: 1.0 };
-    let limb_colour = if person.followed { colour(0.1, 0.9, 0.3) } else { colour(0.6, 0.6, 0.6) };
-    let n = f64::from(divisor);
-    let point = |index: usize| {
-        let point = person.points.get(index).filter(|point| point.state != KeypointState::Lost)?;
-        Some(Point2 { x: shifted(point.x_px, n), y: shifted(point.y_px, n) })
-    };
-    let ends = person.limbs.iter().filter_map(|&(a, b)| Some([point(a)?, point(b)?]));
-    let limbs = PointsAnnotation {
-        timestamp,
-        r#type: points_annotation::Type::LineList as i32,
-        points: ends.flatten().collect(),
-        outline_color: Some(limb_colour),
-        thickness: 3.0,
-        ..PointsAnnotation::default()
-    };
-    let seen: Vec<(Point2, Color)> = (0..person.points.len())
-        .filter_map(|index| {
-            let shade = match person.points[index].state {
-                KeypointState::Measured => colour(1.0, 1.0, 1.0),
-                KeypointState::Inferred | KeypointState::Lost => colour(1.0, 0.6, 0.0),
-            };
-            Some((point(index)?, shade))
-        })
-        .collect();
-    let joints = PointsAnnotation {
-        timestamp,
-        r#type: points_annotation::Type::Points as i32,
-        points: seen.iter().map(|(point, _)| *point).collect(),
-        outline_colors: seen.iter().map(|(_, shade)| *shade).collect(),
-        outline_color: Some(limb_colour),
-        thickness: 6.0,
-        ..PointsAnnotation::default()
-    };
-    [limbs, joints]
-}
-
-/// Averages blocks of `n x n` pixels; rows and columns that fill no block are cut off.
-fn reduced(image: &RgbImage, n: u32) -> RgbImage {
-    let (width, height) = (image.width() / n, image.height() / n);
-    let (n, row_bytes) = (n as usize, image.width() as usize * 3);
-    let raw = image.as_raw();
-    let mut sums = vec![0_u32; width as usize * 3];
-    let mut out = Vec::with_capacity(sums.len() * height as usize);
-    let area = (n * n) as u32;
-    for block_row in 0..height as usize {
-        sums.fill(0);
-        for row in raw[block_row * n * row_bytes..].chunks_exact(row_bytes).take(n) {
-            for (sum, block) in sums.as_chunks_mut::<3>().0.iter_mut().zip(row.chunks_exact(3 * n)) {
-                for pixel in block.as_chunks::<3>().0 {
-                    for (sum, &value) in sum.iter_mut().zip(pixel) {
-                        *sum += u32::from(value);
-                    }
-                }
-            }
-        }
-        out.extend(sums.iter().map(|sum| ((sum + area / 2) / area) as u8));
-    }
-    RgbImage::from_raw(width, height, out).unwrap_or_default()
-}
-
-/// JPEG with its colours at half the resolution (4:2:0), as cameras send them.
-fn jpeg(image: &RgbImage, quality: u8) -> Result<Vec<u8>, EncodingError> {
-    let mut data = Vec::new();
-    let mut encoder = jpeg_encoder::Encoder::new(&mut data, quality);
-    encoder.set_sampling_factor(SamplingFactor::R_4_2_0);
-    let [width, height] = [image.width(), image.height()].map(|side| u16::try_from(side).unwrap_or(u16::MAX));
-    encoder.encode(image, width, height, ColorType::Rgb)?;
-    Ok(data)
-}
-
 #[cfg(test)]
-mod tests {
-    use std::sync::Arc;
-
-    use image::Rgb;
-
-    use super::super::sample::PixelPoint;
-    use super::*;
-
-    fn encoder(max_image_side_px: u32) -> Encoder {
-        Encoder { cameras: 1, max_image_side_px, jpeg_quality: 80, start_unix_ns: 5 }
-    }
-
-    #[test]
-    fn blocks_are_averaged_and_the_rest_cut_off() {
-        let image = RgbImage::from_fn(5, 4, |x, y| Rgb([(x * 10) as u8, (y * 10) as u8, 7]));
-        let small = reduced(&image, 2);
-        assert_eq!(small.dimensions(), (2, 2));
-        assert_eq!(small.get_pixel(0, 0).0, [5, 5, 7]);
-        assert_eq!(small.get_pixel(1, 1).0, [25, 25, 7]);
-    }
-
-    #[test]
-    fn another_library_reads_the_picture_that_was_written() {
-        // Odd sides: the last block of colours is cut off.
-        let image = RgbImage::from_fn(161, 91, |x, y| Rgb([x as u8, 255 - y as u8, 128]));
-        let read = |max_image_side_px| {
-            let sample = Sample::Image { camera: 0, image: Arc::new(image.clone()) };
-            let encoded = encoder(max_image_side_px).encode(Duration::ZERO, &sample).unwrap();
-            let message = CompressedImage::decode(&*encoded[0].bytes).unwrap();
-            image::load_from_memory_with_format(&message.data, image::ImageFormat::Jpeg).unwrap().to_rgb8()
-        };
-        let off = |seen: &RgbImage, meant: &RgbImage| {
-            assert_eq!(seen.dimensions(), meant.dimensions());
-            let sum: u32 = seen.iter().zip(meant.iter()).map(|(&a, &b)| u32::from(a.abs_diff(b))).sum();
-            f64::from(sum) / seen.len() as f64
-        };
-        assert!(off(&read(960), &image) < 2.0, "{}", off(&read(960), &image));
-        assert!(off(&read(100), &reduced(&image, 2)) < 2.0);
-    }
-
-    #[test]
-    fn calibration_shrinks_with_the_picture() {
-        let info = CameraInfo {
-            width_px: 1920,
-            height_px: 1080,
-            focal_px: [1000.0, 1000.0],
-            centre_px: [959.5, 539.5],
-            distortion: vec![0.1, -0.2],
-        };
-        let small = encoder(960).calibration(&info);
-        assert_eq!((small.width, small.height), (960, 540));
-        // The centre of the picture stays its centre.
-        assert_eq!(small.k, [500.0, 0.0, 479.5, 0.0, 500.0, 269.5, 0.0, 0.0, 1.0]);
-        assert_eq!(small.p, [500.0, 0.0, 479.5, 0.0, 0.0, 500.0, 269.5, 0.0, 0.0, 0.0, 1.0, 0.0]);
-        assert_eq!((small.d.len(), small.distortion_model.as_str()), (5, "plumb_bob"));
-    }
-
-    #[test]
-    fn the_rational_model_is_named_only_where_it_is_used() {
-        let info = |distortion: &[f64]| CameraInfo {
-            width_px: 640,
-            height_px: 480,
-            focal_px: [500.0, 500.0],
-            centre_px: [319.5, 239.5],
-            distortion: distortion.to_vec(),
-        };
-        let plain = encoder(960).calibration(&info(&[0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]));
-        assert_eq!((plain.d.len(), plain.distortion_model.as_str()), (5, "plumb_bob"));
-        let rational = encoder(960).calibration(&info(&[0.1, 0.0, 0.0, 0.0, 0.0, 0.2]));
-        assert_eq!((rational.d.len(), rational.distortion_model.as_str()), (8, "rational_polynomial"));
-    }
-
-    #[test]
-    fn a_lost_keypoint_takes_its_limbs_with_it() {
-        let point = |name: &str, state| PixelPoint { name: name.to_owned(), x_px: 10.0, y_px: 20.0, state };
-        let person = Skeleton {
-            points: vec![
-                point("right_shoulder", KeypointState::Measured),
-                point("right_elbow", KeypointState::Inferred),
-                point("right_wrist", KeypointState::Lost),
-            ],
-            limbs: vec![(0, 1), (1, 2)],
-            followed: true,
-        };
-        let [limbs, joints] = marks(&person, None, 1);
-        assert_eq!((limbs.points.len(), joints.points.len(), joints.outline_colors.len()), (2, 2, 2));
-        assert_eq!(limbs.r#type, points_annotation::Type::LineList as i32);
-    }
-
-    #[test]
-    fn picture_topics_are_numbered_only_in_a_rig() {
-        assert_eq!((camera_topic(0, 1), camera_frame(0, 1)), ("/camera".into(), "camera_color_optical_frame".into()));
-        assert_eq!(camera_topic(0, 4), "/camera_1");
-        assert_eq!(camera_frame(3, 4), "camera_4_color_optical_frame");
-    }
-
-    #[test]
-    fn times_count_from_the_start_of_the_run() {
-        assert_eq!(encoder(1).log_time_ns(Duration::from_nanos(7)), 12);
-        let sample = Sample::Metrics(Vec::new());
-        assert_eq!(encoder(1).encode(Duration::ZERO, &sample).unwrap()[0].topic, "/metrics");
-    }
-}
+mod tests;

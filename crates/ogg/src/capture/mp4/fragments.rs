@@ -1,6 +1,8 @@
 //! Movie fragments (`moof`): track runs that extend the sample list.
 
-use super::{Atom, Bytes, Malformed, Parsed, Sample, check_sample, children, find, require};
+use super::atoms::{Atom, children, find, require};
+use super::movie::Parsed;
+use super::{Bytes, Malformed, Sample, check_sample};
 
 const BASE_OFFSET: u32 = 0x1;
 const DESCRIPTION: u32 = 0x2;

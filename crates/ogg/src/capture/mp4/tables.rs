@@ -1,6 +1,7 @@
 //! The sample tables of `stbl`: sizes, chunks, decoding and composition times.
 
-use super::{Atom, Malformed, Sample, check_sample, find, require};
+use super::atoms::{Atom, find, require};
+use super::{Malformed, Sample, check_sample};
 
 /// Expands the run-length coded tables into one [`Sample`] per picture, and gives the decoding time after the
 /// last one. A fragmented file has empty tables here.
