@@ -22,7 +22,7 @@ pub struct Faults {
     pub wire_error: f64,
 }
 
-/// Settings of a [`SimBus`].
+/// Settings of a [`SimBus`](super::SimBus).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SimBusParams {
     /// Bits per second, 10,000 to 1,000,000.
