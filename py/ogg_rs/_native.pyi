@@ -195,7 +195,8 @@ class MotionModel:
     def at(self, times_s: _Floats) -> tuple[_Floats, _Floats, _Floats]: ...
 
 _Limbs = Sequence[tuple[int, int, int, int]]
-_Maps = tuple[_Singles, _Singles, _Singles, _Singles]
+_Flags = NDArray[np.bool_]
+_Maps = tuple[_Singles, _Singles, _Flags, _Flags]
 
 def skeletons() -> list[tuple[str, list[str], list[int], list[tuple[int, int]]]]: ...
 def skeleton_sources(to: str, from_: str, /) -> list[tuple[int, int] | None]: ...
@@ -218,8 +219,8 @@ def encode_targets(
 def fuse_labels(
     pcm: _Singles,
     paf: _Singles,
-    pcm_mask: _Singles,
-    paf_mask: _Singles,
+    pcm_mask: _Flags,
+    paf_mask: _Flags,
     teacher_pcm: _Singles,
     teacher_paf: _Singles,
     floor: float,

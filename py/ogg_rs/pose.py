@@ -49,6 +49,7 @@ __all__ = [
 ]
 
 MapArray = NDArray[np.float32]
+MaskArray = NDArray[np.bool_]
 
 def _published() -> tuple[tuple[int, int, int, int], ...]:
     return tuple(_native.published_limbs())
@@ -74,19 +75,19 @@ class State(IntEnum):
 
 
 class TargetMaps(NamedTuple):
-    """Targets of a batch of `b` pictures, float32.
+    """Targets of a batch of `b` pictures: maps of float32 and masks of bool.
 
     Attributes:
         pcm: Part confidence maps and the background, `(b, joints + 1, h, w)`.
         paf: Part affinity fields, `(b, 2 limbs, h, w)`.
-        pcm_mask: 1 where `pcm` counts, else 0, of the same shape.
-        paf_mask: 1 where `paf` counts, else 0, of the same shape.
+        pcm_mask: Where `pcm` counts, of the same shape.
+        paf_mask: Where `paf` counts, of the same shape.
     """
 
     pcm: MapArray
     paf: MapArray
-    pcm_mask: MapArray
-    paf_mask: MapArray
+    pcm_mask: MaskArray
+    paf_mask: MaskArray
 
 
 def _singles(what: str, values: ArrayLike) -> MapArray:
@@ -97,6 +98,14 @@ def _singles(what: str, values: ArrayLike) -> MapArray:
             return values
     with np.errstate(over="ignore"):
         return np.require(floats(what, values), np.float32, ("C", "A"))
+
+
+def _mask(what: str, values: ArrayLike) -> MaskArray:
+    """`values` as C-contiguous bool; nothing else is taken for a yes or a no."""
+    given = np.asarray(values)
+    if given.dtype != np.bool_:
+        raise InvalidParameter(f"{what}: expected bool, got {given.dtype}", "Domain")
+    return np.require(given, requirements="C")
 
 
 def _channel_limbs(skeleton: Skeleton, limbs: Sequence[Limb] | None) -> list[tuple[int, int, int, int]]:
@@ -190,11 +199,13 @@ def fuse_labels(
         floor: Smallest answer that counts.
 
     Raises:
-        InvalidParameter: The teacher's maps have another shape.
+        InvalidParameter: The teacher's maps have another shape, or a mask is not of bool.
     """
-    maps = [_singles(name, values) for name, values in zip(TargetMaps._fields, labels, strict=True)]
+    own_pcm, own_paf, pcm_mask, paf_mask = labels
+    maps = [_singles("labels.pcm", own_pcm), _singles("labels.paf", own_paf)]
+    masks = [_mask("labels.pcm_mask", pcm_mask), _mask("labels.paf_mask", paf_mask)]
     teachers = [_singles("teacher_pcm", teacher_pcm), _singles("teacher_paf", teacher_paf)]
-    shapes = [array.shape for array in (*maps, *teachers)]
+    shapes = [array.shape for array in (*maps, *masks, *teachers)]
     same = shapes[0] == shapes[2] == shapes[4] and shapes[1] == shapes[3] == shapes[5]
     pcm, paf = shapes[0], shapes[1]
     if len(pcm) != 4 or len(paf) != 4 or not same or pcm[0] != paf[0] or pcm[2:] != paf[2:] or paf[1] % 2:
@@ -202,9 +213,7 @@ def fuse_labels(
             f"labels and teacher: expected (b, joints + 1, h, w) and (b, 2 limbs, h, w) of one size, got {shapes}",
             "Shape",
         )
-    pcm_map, paf_map, pcm_mask, paf_mask = maps
-    least = real("floor", floor)
-    return TargetMaps(*_native.fuse_labels(pcm_map, paf_map, pcm_mask, paf_mask, teachers[0], teachers[1], least))
+    return TargetMaps(*_native.fuse_labels(*maps, *masks, *teachers, real("floor", floor)))
 
 
 def decode(

@@ -12,7 +12,7 @@ use crate::failure::Failure;
 
 /// Confidence maps, fields, and the masks of both.
 type MapArrays<'py> =
-    (Bound<'py, PyArray4<f32>>, Bound<'py, PyArray4<f32>>, Bound<'py, PyArray4<f32>>, Bound<'py, PyArray4<f32>>);
+    (Bound<'py, PyArray4<f32>>, Bound<'py, PyArray4<f32>>, Bound<'py, PyArray4<bool>>, Bound<'py, PyArray4<bool>>);
 /// Keypoints `(n, joints, 3)` as u, v, score (NaN, NaN, 0 where there is none), and scores `(n)`.
 pub(crate) type People<'py> = (Bound<'py, PyArray3<f32>>, Bound<'py, PyArray1<f32>>);
 /// From-part, to-part and the channels of the field.
@@ -110,8 +110,8 @@ pub(crate) fn fuse_labels<'py>(
     py: Python<'py>,
     pcm: PyReadonlyArray4<'py, f32>,
     paf: PyReadonlyArray4<'py, f32>,
-    pcm_mask: PyReadonlyArray4<'py, f32>,
-    paf_mask: PyReadonlyArray4<'py, f32>,
+    pcm_mask: PyReadonlyArray4<'py, bool>,
+    paf_mask: PyReadonlyArray4<'py, bool>,
     teacher_pcm: PyReadonlyArray4<'py, f32>,
     teacher_paf: PyReadonlyArray4<'py, f32>,
     floor: f32,

@@ -33,7 +33,7 @@ def random_maps(rng: np.random.Generator) -> tuple[list[tuple[torch.Tensor, torc
     shapes = ((2, 19, 3, 4), (2, 38, 3, 4))
     stages = [tuple(torch.from_numpy(rng.normal(size=s)).requires_grad_() for s in shapes) for _ in range(3)]
     pcm, paf = (torch.from_numpy(rng.uniform(0, 1, s)) for s in shapes)
-    masks = (torch.from_numpy((rng.uniform(size=s) < 0.7).astype(float)) for s in shapes)
+    masks = (torch.from_numpy(rng.uniform(size=s) < 0.7) for s in shapes)
     return stages, Maps(pcm, paf, *masks)
 
 

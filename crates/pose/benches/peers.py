@@ -37,8 +37,8 @@ def labels(batch, people):
 
 def blank(batch, size=368, stride=8):
     cells = size // stride
-    channels = 19, 2 * len(LIMBS), 19, 2 * len(LIMBS)
-    return [np.empty((batch, c, cells, cells), np.float32) for c in channels]
+    kinds = (19, np.float32), (2 * len(LIMBS), np.float32), (19, np.bool_), (2 * len(LIMBS), np.bool_)
+    return [np.empty((batch, channels, cells, cells), dtype) for channels, dtype in kinds]
 
 
 def encode(joints, maps, stride=8, sigma=7.0, half=8.0):
@@ -53,8 +53,8 @@ def encode(joints, maps, stride=8, sigma=7.0, half=8.0):
         np.maximum(parts, gy[:, p, :, :, None] * gx[:, p, :, None, :], out=parts)
     np.max(parts, axis=1, out=background)
     np.subtract(1, background, out=background)
-    pcm_mask.fill(1)
-    paf_mask.fill(1)
+    pcm_mask.fill(True)
+    paf_mask.fill(True)
     paf.fill(0)
     field = paf.reshape(batch, len(LIMBS), 2, cells, cells)
     ends = np.array(LIMBS)
@@ -88,13 +88,13 @@ def fuse(maps, pcm_t, paf_t, floor=0.1):
     np.max(parts, axis=1, out=background)
     np.subtract(1, background, out=background)
     answered = pcm_t[:, :-1] >= floor
-    np.copyto(pcm_mask[:, :-1], 1, where=answered)
-    np.copyto(pcm_mask[:, -1], 1, where=answered.any(1))
+    pcm_mask[:, :-1] |= answered
+    pcm_mask[:, -1] |= answered.any(1)
     pair = (len(paf), -1, 2, *paf.shape[2:])
     own, other, mask = (f.reshape(pair) for f in (paf, paf_t, paf_mask))
     n_own, n_other = (f[:, :, 0] ** 2 + f[:, :, 1] ** 2 for f in (own, other))
     np.copyto(own, other, where=(n_own <= n_other)[:, :, None])
-    np.copyto(mask, 1, where=(n_other >= floor**2)[:, :, None])
+    mask |= (n_other >= floor**2)[:, :, None]
 
 
 def targets(rows):

@@ -9,7 +9,7 @@
 //! Affinity fields (eqs. 8 to 10): the unit vector from a limb's first joint to its second for every p between the ends
 //! and within `half_width` of the line, averaged over the people there.
 //!
-//! The mask `W` (OGG eq. 1) is 0 where a label is missing, for each map and cell. [`JointState`] says what is known of a
+//! The mask `W` (OGG eq. 1) is false where a label is missing, for each map and cell. [`JointState`] says what is known of a
 //! joint:
 //!
 //! - a hidden joint (its place is known, and nobody is asked to see it) is left out within `3 sigma` of where it is;
@@ -35,9 +35,11 @@ use crate::{Error, Result};
 mod draw;
 mod fuse;
 mod params;
+mod shape;
 
 use draw::Sample;
 pub use params::TargetParams;
+use shape::Axis;
 
 /// What is known of a joint of a person. The numbers are those of the arrays.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -75,10 +77,10 @@ pub struct Maps {
     pub pcm: Vec<f32>,
     /// Two channels for each limb.
     pub paf: Vec<f32>,
-    /// 1 where `pcm` counts, else 0.
-    pub pcm_mask: Vec<f32>,
-    /// 1 where `paf` counts, else 0.
-    pub paf_mask: Vec<f32>,
+    /// Where `pcm` counts.
+    pub pcm_mask: Vec<bool>,
+    /// Where `paf` counts.
+    pub paf_mask: Vec<bool>,
 }
 
 /// Checked parameters; makes targets.
@@ -185,10 +187,10 @@ impl TargetPlan {
     fn draw(&self, labels: &Labels<'_>, teacher: Option<(&[f32], &[f32], f32)>, maps: &mut Maps) {
         let (rows, columns) = self.map_size();
         let (pcm, paf) = self.lengths();
-        for (map, length) in
-            [(&mut maps.pcm, pcm), (&mut maps.paf, paf), (&mut maps.pcm_mask, pcm), (&mut maps.paf_mask, paf)]
+        for (map, mask, length) in [(&mut maps.pcm, &mut maps.pcm_mask, pcm), (&mut maps.paf, &mut maps.paf_mask, paf)]
         {
             map.resize(labels.batch * length, 0.0);
+            mask.resize(labels.batch * length, true);
         }
         let arch = Arch::new();
         maps.pcm
@@ -202,8 +204,8 @@ impl TargetPlan {
                 let sample = Sample {
                     params: &self.params,
                     ends: &self.ends,
-                    rows,
-                    columns,
+                    rows: Axis::new(rows, self.params.stride),
+                    columns: Axis::new(columns, self.params.stride),
                     joints_px: &labels.joints_px[i * n * 2..(i + 1) * n * 2],
                     states: &labels.states[i * n..(i + 1) * n],
                     boxes_px: &labels.boxes_px[i * labels.people * 4..(i + 1) * labels.people * 4],

@@ -10,7 +10,7 @@ Confidence maps (Cao et al. 2017, eq. 6): `S_j(p) = max over people of exp(-|p -
 background map `1 - max_j S_j`. Affinity fields (eqs. 8-10): the unit vector from a limb's first joint to its
 second, for every `p` within half a limb width of the segment between them, averaged over the people there.
 
-The mask `W` is 0 where a label is missing (1), per map and cell:
+The mask `W` is false where a label is missing (1), per map and cell:
 
 - a joint whose place is known but which nobody is asked to see (`State.HIDDEN`: legs under the bench) is left out
   where it is, within `MASK_RADIUS` of its Gaussian; elsewhere the map must still be empty, so the network is neither
@@ -71,7 +71,7 @@ class State(IntEnum):
 
 @dataclass
 class Maps:
-    """Targets of one batch: `pcm (b, parts + 1, h, w)`, `paf (b, 2 limbs, h, w)` and the masks of the same shapes."""
+    """Targets of one batch: `pcm (b, parts + 1, h, w)`, `paf (b, 2 limbs, h, w)` and the masks, bool of the same shapes."""
 
     pcm: Tensor
     paf: Tensor
@@ -147,7 +147,7 @@ def encode_in_torch(
     background_out = near_hidden.any(1).any(1, keepdim=True) | (
         (in_box & unknown[..., None, None]).any(1).any(1, keepdim=True) & (pcm[:, -1:] > 0.5)
     )
-    pcm_mask = (~torch.cat((part_out, background_out), 1)).to(pcm.dtype)
+    pcm_mask = ~torch.cat((part_out, background_out), 1)
 
     ends = torch.tensor(skeleton.limbs)
     a, b = placed[:, :, ends[:, 0]], placed[:, :, ends[:, 1]]
@@ -177,7 +177,7 @@ def encode_in_torch(
         (on_limb & (limb_placed & ~limb_labelled)[..., None, None]) | (in_box & limb_unknown[..., None, None])
     ).any(1)
     paf = fields.flatten(1, 2)
-    paf_mask = (~limb_out).to(paf.dtype).repeat_interleave(2, 1)
+    paf_mask = (~limb_out).repeat_interleave(2, 1)
     return Maps(pcm, paf, pcm_mask, paf_mask)
 
 
@@ -191,12 +191,12 @@ def fuse(labels: Maps, teacher_pcm: Tensor, teacher_paf: Tensor, *, floor: float
     parts = torch.maximum(labels.pcm[:, :-1], teacher_pcm[:, :-1].clamp(0, 1))
     pcm = torch.cat((parts, 1 - parts.amax(1, keepdim=True)), 1)
     answered = torch.cat((teacher_pcm[:, :-1] >= floor, (teacher_pcm[:, :-1] >= floor).any(1, keepdim=True)), 1)
-    pcm_mask = torch.where(answered, torch.ones_like(labels.pcm_mask), labels.pcm_mask)
+    pcm_mask = labels.pcm_mask | answered
 
     own = labels.paf.unflatten(1, (-1, 2))
     other = teacher_paf.unflatten(1, (-1, 2))
     own_norm, other_norm = own.norm(dim=2, keepdim=True), other.norm(dim=2, keepdim=True)
     paf = torch.where(own_norm > other_norm, own, other).flatten(1, 2)
     field_answered = (other_norm >= floor).expand_as(own).flatten(1, 2)
-    paf_mask = torch.where(field_answered, torch.ones_like(labels.paf_mask), labels.paf_mask)
+    paf_mask = labels.paf_mask | field_answered
     return Maps(pcm, paf, pcm_mask, paf_mask)

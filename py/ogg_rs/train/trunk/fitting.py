@@ -105,7 +105,7 @@ def solve_first(head: Head, data: Features, params: HeadParams) -> None:
             around, at = head.inputs(*data.read(rows))
             cells = torch.cat((functional.unfold(around, 3, padding=1), at.flatten(2)), 1).transpose(1, 2).reshape(-1, size - 1)
             wanted = torch.cat((maps.pcm, maps.paf), 1).flatten(2).transpose(1, 2).reshape(-1, right.shape[1])
-            known = torch.cat((maps.pcm_mask, maps.paf_mask), 1).flatten(2).amin(1).reshape(-1)
+            known = torch.cat((maps.pcm_mask, maps.paf_mask), 1).flatten(2).all(1).reshape(-1)
             presence = (1 - maps.pcm[:, -1]).flatten()
             chosen = torch.from_numpy(draw.random(len(presence)) < 1 / 6)
             weight = known * torch.where(presence > 0.01, 1 + params.emphasis * presence, 6.0 * chosen)

@@ -164,7 +164,7 @@ def solve(cells: Cells, wanted: torch.Tensor, counts: torch.Tensor, seed: int, *
     penalty[-1] = 0
     columns = []
     for joint in range(wanted.shape[1]):
-        left = cells.gram(seed) - weighted_gram(cells.values, base, (base > 0) & (counts[:, joint] == 0))
+        left = cells.gram(seed) - weighted_gram(cells.values, base, (base > 0) & ~counts[:, joint])
         goal = base * counts[:, joint] * wanted[:, joint]
         hit = goal.abs() > 1e-4
         right = cells.values[hit].float().T @ goal[hit]

@@ -1,0 +1,218 @@
+//! What labels look like on a map: the bell of a joint, the line of a limb, and runs of columns that fit registers.
+
+use std::ops::Range;
+
+/// Gaussians end where they fall below this.
+const CUT: f32 = 1e-7;
+/// A direction component below this bounds nothing: to divide by it costs digits, and the other component bounds enough.
+const FLAT: f32 = 0.01;
+
+/// Cells of one axis of a map.
+#[derive(Clone, Copy)]
+pub(super) struct Axis {
+    pub(super) cells: usize,
+    stride: f32,
+    per_px: f32,
+}
+
+impl Axis {
+    pub(super) fn new(cells: usize, stride: usize) -> Self {
+        Self { cells, stride: stride as f32, per_px: 1.0 / stride as f32 }
+    }
+
+    /// Picture coordinate of the centre of a cell.
+    #[inline(always)]
+    pub(super) fn centre(self, cell: usize) -> f32 {
+        (cell as f32 + 0.5) * self.stride - 0.5
+    }
+
+    /// Cells whose centres lie in `[from, to]`, and up to two more; the exact test is the caller's.
+    #[inline(always)]
+    fn between(self, from_px: f32, to_px: f32) -> Range<usize> {
+        let cell = |px: f32| (px + 0.5) * self.per_px - 0.5;
+        let within = |cell: f32| smaller(self.cells as f32, larger(0.0, cell)) as usize;
+        let (first, last) = (within(cell(from_px)), within(cell(to_px) + 2.0));
+        first..last.max(first)
+    }
+
+    /// Cells whose centres lie in `[from, to]`.
+    #[inline(always)]
+    pub(super) fn inside(self, from_px: f32, to_px: f32) -> Range<usize> {
+        // Centres grow with the cell, so those inside follow each other.
+        let mut cells = self.between(from_px, to_px);
+        while !cells.is_empty() && !(self.centre(cells.start) >= from_px) {
+            cells.start += 1;
+        }
+        while !cells.is_empty() && !(self.centre(cells.end - 1) <= to_px) {
+            cells.end -= 1;
+        }
+        cells
+    }
+}
+
+/// A Gaussian around a joint, where it is not below the cut.
+pub(super) struct Bell {
+    x: f32,
+    y: f32,
+    gain: f32,
+    pub(super) rows: Range<usize>,
+    pub(super) columns: Range<usize>,
+}
+
+impl Bell {
+    #[inline(always)]
+    pub(super) fn new((x, y): (f32, f32), sigma_px: f32, rows: Axis, columns: Axis) -> Self {
+        let gain = -1.0 / (2.0 * sigma_px * sigma_px);
+        let radius = (CUT.ln() / gain).sqrt();
+        let (rows, columns) = (rows.between(y - radius, y + radius), columns.between(x - radius, x + radius));
+        Self { x, y, gain, rows, columns }
+    }
+
+    /// Its factor in the column or the row of a centre: the two of a cell multiply.
+    #[inline(always)]
+    pub(super) fn across(&self, centre: f32) -> f32 {
+        (self.gain * (centre - self.x).powi(2)).exp()
+    }
+
+    #[inline(always)]
+    pub(super) fn down(&self, centre: f32) -> f32 {
+        (self.gain * (centre - self.y).powi(2)).exp()
+    }
+}
+
+/// The cells between the ends of a limb and within its width.
+pub(super) struct Line {
+    x: f32,
+    y: f32,
+    pub(super) ux: f32,
+    pub(super) uy: f32,
+    length: f32,
+    half: f32,
+    left: f32,
+    right: f32,
+    along: Strip,
+    beside: Strip,
+    pub(super) rows: Range<usize>,
+}
+
+impl Line {
+    #[inline(always)]
+    pub(super) fn new((ax, ay): (f32, f32), (bx, by): (f32, f32), half_width_px: f32, rows: Axis) -> Self {
+        let (dx, dy) = (bx - ax, by - ay);
+        let length = (dx * dx + dy * dy).sqrt();
+        let (ux, uy) = (dx / length.max(1e-3), dy / length.max(1e-3));
+        let half = half_width_px;
+        Self {
+            x: ax,
+            y: ay,
+            ux,
+            uy,
+            length,
+            half,
+            left: ax.min(bx) - half,
+            right: ax.max(bx) + half,
+            along: Strip::new(ux, 0.0, length),
+            beside: Strip::new(uy, -half, half),
+            // A length that overflows has no direction.
+            rows: if length.is_finite() { rows.between(ay.min(by) - half, ay.max(by) + half) } else { 0..0 },
+        }
+    }
+
+    /// Columns that it may cover in the row of a centre.
+    #[inline(always)]
+    pub(super) fn columns(&self, centre: f32, columns: Axis) -> Range<usize> {
+        let y = centre - self.y;
+        // Where the row enters and leaves the strip between the ends, and the strip around the line.
+        let (a, b) = self.along.bounds(y * self.uy);
+        let (c, d) = self.beside.bounds(-y * self.ux);
+        let from = larger(self.left, larger(self.x + a, self.x + c));
+        let to = smaller(self.right, smaller(self.x + b, self.x + d));
+        columns.between(from, to)
+    }
+
+    /// Whether it covers the centre `(x, y)`.
+    #[inline(always)]
+    pub(super) fn covers(&self, x: f32, y: f32) -> bool {
+        let (x, y) = (x - self.x, y - self.y);
+        let (forward, sideways) = (x * self.ux + y * self.uy, x * self.uy - y * self.ux);
+        (0.0..=self.length).contains(&forward) && sideways.abs() <= self.half
+    }
+}
+
+/// Where `low <= slope x + offset <= high`.
+struct Strip {
+    /// None where the slope says nothing.
+    inverse: Option<f32>,
+    low: f32,
+    high: f32,
+}
+
+impl Strip {
+    #[inline(always)]
+    fn new(slope: f32, low: f32, high: f32) -> Self {
+        Self { inverse: (slope.abs() >= FLAT).then(|| 1.0 / slope), low, high }
+    }
+
+    #[inline(always)]
+    fn bounds(&self, offset: f32) -> (f32, f32) {
+        let Some(inverse) = self.inverse else { return (f32::NEG_INFINITY, f32::INFINITY) };
+        let (a, b) = ((self.low - offset) * inverse, (self.high - offset) * inverse);
+        (smaller(a, b), larger(a, b))
+    }
+}
+
+/// `N` columns in a row, and which of them are meant.
+pub(super) struct Run<const N: usize> {
+    pub(super) first: usize,
+    from: u32,
+    to: u32,
+}
+
+impl<const N: usize> Run<N> {
+    #[inline(always)]
+    pub(super) fn has(&self, i: usize) -> bool {
+        (self.from..self.to).contains(&(i as u32))
+    }
+}
+
+/// Covers columns by runs of `N` that all lie in the row; each column is meant by one of them.
+pub(super) struct Runs<const N: usize> {
+    columns: Range<usize>,
+    /// Where the last run of a row starts.
+    last: usize,
+}
+
+impl<const N: usize> Runs<N> {
+    /// The row has at least `N` columns.
+    #[inline(always)]
+    pub(super) fn new(columns: Range<usize>, row: Axis) -> Self {
+        Self { columns, last: row.cells - N }
+    }
+}
+
+impl<const N: usize> Iterator for Runs<N> {
+    type Item = Run<N>;
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<Run<N>> {
+        let Range { start, end } = self.columns;
+        if start >= end {
+            return None;
+        }
+        let first = start.min(self.last);
+        self.columns.start = first + N;
+        Some(Run { first, from: (start - first) as u32, to: (end - first) as u32 })
+    }
+}
+
+/// The larger; `a` where `b` is no number. One instruction, unlike `f32::max`.
+#[inline(always)]
+pub(super) fn larger(a: f32, b: f32) -> f32 {
+    if b > a { b } else { a }
+}
+
+/// The smaller; `a` where `b` is no number.
+#[inline(always)]
+pub(super) fn smaller(a: f32, b: f32) -> f32 {
+    if b < a { b } else { a }
+}
