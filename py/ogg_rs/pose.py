@@ -201,11 +201,10 @@ def fuse_labels(
     Raises:
         InvalidParameter: The teacher's maps have another shape, or a mask is not of bool.
     """
-    own_pcm, own_paf, pcm_mask, paf_mask = labels
-    maps = [_singles("labels.pcm", own_pcm), _singles("labels.paf", own_paf)]
-    masks = [_mask("labels.pcm_mask", pcm_mask), _mask("labels.paf_mask", paf_mask)]
-    teachers = [_singles("teacher_pcm", teacher_pcm), _singles("teacher_paf", teacher_paf)]
-    shapes = [array.shape for array in (*maps, *masks, *teachers)]
+    own_pcm, own_paf = _singles("labels.pcm", labels[0]), _singles("labels.paf", labels[1])
+    pcm_mask, paf_mask = _mask("labels.pcm_mask", labels[2]), _mask("labels.paf_mask", labels[3])
+    other_pcm, other_paf = _singles("teacher_pcm", teacher_pcm), _singles("teacher_paf", teacher_paf)
+    shapes = [array.shape for array in (own_pcm, own_paf, pcm_mask, paf_mask, other_pcm, other_paf)]
     same = shapes[0] == shapes[2] == shapes[4] and shapes[1] == shapes[3] == shapes[5]
     pcm, paf = shapes[0], shapes[1]
     if len(pcm) != 4 or len(paf) != 4 or not same or pcm[0] != paf[0] or pcm[2:] != paf[2:] or paf[1] % 2:
@@ -213,7 +212,8 @@ def fuse_labels(
             f"labels and teacher: expected (b, joints + 1, h, w) and (b, 2 limbs, h, w) of one size, got {shapes}",
             "Shape",
         )
-    return TargetMaps(*_native.fuse_labels(*maps, *masks, *teachers, real("floor", floor)))
+    least = real("floor", floor)
+    return TargetMaps(*_native.fuse_labels(own_pcm, own_paf, pcm_mask, paf_mask, other_pcm, other_paf, least))
 
 
 def decode(

@@ -29,7 +29,7 @@ def test_confidence_maps_are_gaussians_about_the_joints():
     joints, states, boxes = person(rng, people=2, batch=3)
     maps = pose.encode_targets(joints, states, boxes, size=SIZE)
     assert maps.pcm.shape == (3, 19, 12, 16) and maps.paf.shape == (3, 38, 12, 16)
-    assert all(array.dtype == np.float32 for array in maps)
+    assert [array.dtype for array in maps] == [np.float32, np.float32, np.bool_, np.bool_]
     u, v = cells()
     square = (u - joints[..., 0, None, None]) ** 2 + (v - joints[..., 1, None, None]) ** 2
     want = np.exp(-square / (2 * 7.0**2)).max(axis=1)
