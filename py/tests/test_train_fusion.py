@@ -118,8 +118,8 @@ def test_solved_weights_are_those_of_a_ridge_regression_over_the_drawn_pictures(
     values[:, -1] = 1
     weights, numbers = rng.uniform(1, 5, count).astype(np.float32), rng.integers(0, pictures, count)
     wanted = rng.uniform(0.01, 1, (count, 2)).astype(np.float32)
-    counts = np.ones((count, 2), np.float32)
-    counts[rng.random(count) < 0.3, 1] = 0
+    counts = np.ones((count, 2), np.bool_)
+    counts[rng.random(count) < 0.3, 1] = False
     cells = object.__new__(Cells)
     cells.values, cells.weights, cells.numbers = (torch.from_numpy(v) for v in (values, weights, numbers))
     cells.pictures, cells._whole = pictures, {}
