@@ -88,7 +88,7 @@ impl Sample<'_> {
 
     #[inline(always)]
     fn line(&self, person: usize, [from, to]: [usize; 2]) -> Line {
-        Line::new(self.place(person, from), self.place(person, to), self.params.half_width_px, self.rows)
+        Line::new(self.place(person, from), self.place(person, to), self.params.half_width_px, self.rows, self.columns)
     }
 
     /// Confidence maps and background.
@@ -205,14 +205,15 @@ impl Sample<'_> {
     #[inline(always)]
     fn draw_limb<const N: usize>(&self, line: &Line, paf: &mut [f32], people: &mut [f32], centres: &[f32]) {
         let (px, py) = paf.split_at_mut(people.len());
-        for row in line.rows.clone() {
-            let y = self.rows.centre(row);
-            for run in Runs::<N>::new(line.columns(y, self.columns), self.columns) {
+        for run in Runs::<N>::new(line.columns.clone(), self.columns) {
+            let centres = &centres[run.first..][..N];
+            for row in line.rows.clone() {
+                let y = self.rows.centre(row);
                 let first = row * self.columns.cells + run.first;
                 let (px, py) = (lanes::<N>(px, first), lanes::<N>(py, first));
                 let people = lanes::<N>(people, first);
                 let (mut a, mut b, mut n) = (*px, *py, *people);
-                for (i, x) in centres[run.first..][..N].iter().enumerate() {
+                for (i, x) in centres.iter().enumerate() {
                     let one = if run.has(i) && line.covers(*x, y) { 1.0 } else { 0.0 };
                     let share = one / (n[i] + 1.0);
                     a[i] += (line.ux - a[i]) * share;
@@ -226,12 +227,11 @@ impl Sample<'_> {
 
     #[inline(always)]
     fn hide_limb(&self, line: &Line, mx: &mut [bool], my: &mut [bool]) {
-        let (rows, columns) = (self.rows, self.columns);
         for row in line.rows.clone() {
-            let y = rows.centre(row);
-            for column in line.columns(y, columns).filter(|c| line.covers(columns.centre(*c), y)) {
-                mx[row * columns.cells + column] = false;
-                my[row * columns.cells + column] = false;
+            let y = self.rows.centre(row);
+            for column in line.columns.clone().filter(|c| line.covers(self.columns.centre(*c), y)) {
+                mx[row * self.columns.cells + column] = false;
+                my[row * self.columns.cells + column] = false;
             }
         }
     }

@@ -4,8 +4,6 @@ use std::ops::Range;
 
 /// Gaussians end where they fall below this.
 const CUT: f32 = 1e-7;
-/// A direction component below this bounds nothing: to divide by it costs digits, and the other component bounds enough.
-const FLAT: f32 = 0.01;
 
 /// Cells of one axis of a map.
 #[derive(Clone, Copy)]
@@ -88,46 +86,27 @@ pub(super) struct Line {
     pub(super) uy: f32,
     length: f32,
     half: f32,
-    left: f32,
-    right: f32,
-    along: Strip,
-    beside: Strip,
     pub(super) rows: Range<usize>,
+    pub(super) columns: Range<usize>,
 }
 
 impl Line {
     #[inline(always)]
-    pub(super) fn new((ax, ay): (f32, f32), (bx, by): (f32, f32), half_width_px: f32, rows: Axis) -> Self {
+    pub(super) fn new(
+        (ax, ay): (f32, f32),
+        (bx, by): (f32, f32),
+        half_width_px: f32,
+        rows: Axis,
+        columns: Axis,
+    ) -> Self {
         let (dx, dy) = (bx - ax, by - ay);
         let length = (dx * dx + dy * dy).sqrt();
         let (ux, uy) = (dx / length.max(1e-3), dy / length.max(1e-3));
-        let half = half_width_px;
-        Self {
-            x: ax,
-            y: ay,
-            ux,
-            uy,
-            length,
-            half,
-            left: ax.min(bx) - half,
-            right: ax.max(bx) + half,
-            along: Strip::new(ux, 0.0, length),
-            beside: Strip::new(uy, -half, half),
-            // A length that overflows has no direction.
-            rows: if length.is_finite() { rows.between(ay.min(by) - half, ay.max(by) + half) } else { 0..0 },
-        }
-    }
-
-    /// Columns that it may cover in the row of a centre.
-    #[inline(always)]
-    pub(super) fn columns(&self, centre: f32, columns: Axis) -> Range<usize> {
-        let y = centre - self.y;
-        // Where the row enters and leaves the strip between the ends, and the strip around the line.
-        let (a, b) = self.along.bounds(y * self.uy);
-        let (c, d) = self.beside.bounds(-y * self.ux);
-        let from = larger(self.left, larger(self.x + a, self.x + c));
-        let to = smaller(self.right, smaller(self.x + b, self.x + d));
-        columns.between(from, to)
+        // Its cells lie in the box around the ends and their width across. A length that overflows has no direction.
+        let (over_x, over_y) = (half_width_px * uy.abs(), half_width_px * ux.abs());
+        let rows = if length.is_finite() { rows.between(ay.min(by) - over_y, ay.max(by) + over_y) } else { 0..0 };
+        let columns = columns.between(ax.min(bx) - over_x, ax.max(bx) + over_x);
+        Self { x: ax, y: ay, ux, uy, length, half: half_width_px, rows, columns }
     }
 
     /// Whether it covers the centre `(x, y)`.
@@ -136,28 +115,6 @@ impl Line {
         let (x, y) = (x - self.x, y - self.y);
         let (forward, sideways) = (x * self.ux + y * self.uy, x * self.uy - y * self.ux);
         (0.0..=self.length).contains(&forward) && sideways.abs() <= self.half
-    }
-}
-
-/// Where `low <= slope x + offset <= high`.
-struct Strip {
-    /// None where the slope says nothing.
-    inverse: Option<f32>,
-    low: f32,
-    high: f32,
-}
-
-impl Strip {
-    #[inline(always)]
-    fn new(slope: f32, low: f32, high: f32) -> Self {
-        Self { inverse: (slope.abs() >= FLAT).then(|| 1.0 / slope), low, high }
-    }
-
-    #[inline(always)]
-    fn bounds(&self, offset: f32) -> (f32, f32) {
-        let Some(inverse) = self.inverse else { return (f32::NEG_INFINITY, f32::INFINITY) };
-        let (a, b) = ((self.low - offset) * inverse, (self.high - offset) * inverse);
-        (smaller(a, b), larger(a, b))
     }
 }
 

@@ -120,10 +120,11 @@ proptest! {
     /// several times fit into.
     #[test]
     fn encoding_equals_the_slow_reference(
-        (width, (joints_px, states, boxes_px)) in prop_oneof![Just((64, 1)), Just((128, 1)), Just((368, 3))]
-            .prop_flat_map(|(width, scale)| (Just(width), labels_strategy(3, 2, scale))),
+        (width, half_width_px, (joints_px, states, boxes_px)) in
+            prop_oneof![Just((64, 8.0, 1)), Just((128, 20.0, 1)), Just((368, 8.0, 3))]
+                .prop_flat_map(|(width, half, scale)| (Just(width), Just(half), labels_strategy(3, 2, scale))),
     ) {
-        let plan = plan(width, 96);
+        let plan = TargetParams { half_width_px, ..plan(width, 96).params }.validate().unwrap();
         let labels = Labels { batch: 3, people: 2, joints_px: &joints_px, states: &states, boxes_px: &boxes_px };
         let maps = plan.encode(&labels).unwrap();
         for sample in 0..3 {
@@ -268,16 +269,19 @@ fn every_column_is_meant_once_and_no_run_leaves_the_row() {
     }
 }
 
-/// Law: what a person far beyond all pictures does to the fields is nothing, even where the length of a limb overflows.
+/// Law: a person far beyond the picture does nothing to its maps, and a limb whose length overflows nothing to its field.
 #[test]
-fn places_beyond_all_numbers_leave_no_mark() {
+fn a_person_far_beyond_the_picture_leaves_no_mark() {
     let plan = plan(368, 96);
     let near: Vec<f32> = (0..36).map(|i| 5.0 + (i * 13 % 90) as f32).collect();
     let alone = Labels { batch: 1, people: 1, joints_px: &near, states: &[3; 18], boxes_px: &[0.0, 0.0, 367.0, 95.0] };
     let expected = plan.encode(&alone).unwrap();
-    for far in [1e9, 1e25, f32::MAX] {
-        let both: Vec<f32> = near.iter().copied().chain((0..36).map(|i| if i % 3 == 0 { far } else { -far })).collect();
+    let beyond = |i: usize| 1e9 / (i + 1) as f32;
+    let around = |i: usize| if i % 3 == 0 { 1e25 } else { -1e25 };
+    let widest = |i: usize| if i % 3 == 0 { f32::MAX } else { f32::MIN };
+    for far in [beyond as fn(usize) -> f32, around, widest] {
+        let both: Vec<f32> = near.iter().copied().chain((0..36).map(far)).collect();
         let labels = Labels { people: 2, joints_px: &both, states: &[3; 36], boxes_px: &[0.0; 8], ..alone };
-        assert_eq!(plan.encode(&labels).unwrap(), expected, "{far}");
+        assert_eq!(plan.encode(&labels).unwrap(), expected, "{:?}", &both[36..]);
     }
 }
