@@ -277,8 +277,8 @@ fn a_person_far_beyond_the_picture_leaves_no_mark() {
     let alone = Labels { batch: 1, people: 1, joints_px: &near, states: &[3; 18], boxes_px: &[0.0, 0.0, 367.0, 95.0] };
     let expected = plan.encode(&alone).unwrap();
     let beyond = |i: usize| 1e9 / (i + 1) as f32;
-    let around = |i: usize| if i % 3 == 0 { 1e25 } else { -1e25 };
-    let widest = |i: usize| if i % 3 == 0 { f32::MAX } else { f32::MIN };
+    let around = |i: usize| if i.is_multiple_of(3) { 1e25 } else { -1e25 };
+    let widest = |i: usize| if i.is_multiple_of(3) { f32::MAX } else { f32::MIN };
     for far in [beyond as fn(usize) -> f32, around, widest] {
         let both: Vec<f32> = near.iter().copied().chain((0..36).map(far)).collect();
         let labels = Labels { people: 2, joints_px: &both, states: &[3; 36], boxes_px: &[0.0; 8], ..alone };
