@@ -92,21 +92,14 @@ pub(super) struct Line {
 
 impl Line {
     #[inline(always)]
-    pub(super) fn new(
-        (ax, ay): (f32, f32),
-        (bx, by): (f32, f32),
-        half_width_px: f32,
-        rows: Axis,
-        columns: Axis,
-    ) -> Self {
+    pub(super) fn new((ax, ay): (f32, f32), (bx, by): (f32, f32), half: f32, rows: Axis, columns: Axis) -> Self {
         let (dx, dy) = (bx - ax, by - ay);
         let length = (dx * dx + dy * dy).sqrt();
         let (ux, uy) = (dx / length.max(1e-3), dy / length.max(1e-3));
-        // Its cells lie in the box around the ends and their width across. A length that overflows has no direction.
-        let (over_x, over_y) = (half_width_px * uy.abs(), half_width_px * ux.abs());
-        let rows = if length.is_finite() { rows.between(ay.min(by) - over_y, ay.max(by) + over_y) } else { 0..0 };
-        let columns = columns.between(ax.min(bx) - over_x, ax.max(bx) + over_x);
-        Self { x: ax, y: ay, ux, uy, length, half: half_width_px, rows, columns }
+        // A length that overflows has no direction.
+        let rows = if length.is_finite() { rows.between(ay.min(by) - half, ay.max(by) + half) } else { 0..0 };
+        let columns = columns.between(ax.min(bx) - half, ax.max(bx) + half);
+        Self { x: ax, y: ay, ux, uy, length, half, rows, columns }
     }
 
     /// Whether it covers the centre `(x, y)`.
