@@ -262,6 +262,7 @@ class Estimator:
         provider: str,
         fallback: str | None,
         threads: int | None,
+        mirror: bool,
     ) -> Estimator: ...
     @property
     def name(self) -> str: ...

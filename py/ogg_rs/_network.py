@@ -47,6 +47,8 @@ class Estimator:
         provider: `"cpu"`, `"openvino"`, `"cuda"` or `"tensorrt"`.
         fallback: Provider that serves where `provider` is not there; None makes that an error.
         threads: Threads for one picture; None leaves it to the runtime.
+        mirror: Looks at every picture a second time, mirrored, and takes the mean of both answers: more exact, and twice
+            the work. For networks that answer with confidence maps and fields.
 
     Raises:
         DeviceError: A file, the library or the provider is missing, or another runtime already serves.
@@ -72,6 +74,7 @@ class Estimator:
         provider: str = "cpu",
         fallback: str | None = None,
         threads: int | None = None,
+        mirror: bool = False,
     ) -> None:
         folders = [sysconfig.get_path("platlib"), sysconfig.get_path("purelib"), site.getusersitepackages()]
         self._native = _native.Estimator(
@@ -82,6 +85,7 @@ class Estimator:
             provider=provider,
             fallback=fallback,
             threads=None if threads is None else count("threads", threads, 1),
+            mirror=bool(mirror),
         )
 
     def __repr__(self) -> str:

@@ -41,7 +41,7 @@ impl Estimator {
 impl Estimator {
     /// `library` is a path, `"tract"`, or None for the first that is found, `site_packages` included.
     #[new]
-    #[pyo3(signature = (card, *, weights_dirs, library, site_packages, provider, fallback, threads))]
+    #[pyo3(signature = (card, *, weights_dirs, library, site_packages, provider, fallback, threads, mirror))]
     #[expect(clippy::too_many_arguments, reason = "a keyword-only Python signature")]
     fn new(
         py: Python<'_>,
@@ -52,6 +52,7 @@ impl Estimator {
         provider: &str,
         fallback: Option<&str>,
         threads: Option<usize>,
+        mirror: bool,
     ) -> PyResult<Self> {
         let library = match library {
             Some(name) if name.as_os_str() == "tract" => LibraryChoice::PureRust,
@@ -72,7 +73,8 @@ impl Estimator {
         let inner = py
             .detach(|| {
                 let model = Model::find(&card, &weights_dirs)?;
-                pose::Estimator::load(&model, &Runtime::load(options)?)
+                let estimator = pose::Estimator::load(&model, &Runtime::load(options)?)?;
+                if mirror { estimator.mirrored() } else { Ok(estimator) }
             })
             .map_err(Failure::from)?;
         let (name, skeleton) = (inner.card().name.clone(), inner.card().skeleton);

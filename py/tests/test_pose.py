@@ -131,6 +131,23 @@ def test_the_built_in_network_finds_the_synthetic_worker():
         pose.Estimator("absent.toml")
 
 
+def test_two_looks_say_of_the_mirrored_picture_the_mirror_of_what_they_say():
+    frame = sim.Scene(sim.Worker(seed=5), size=(320, 240)).render(1.0)
+    exchanged = list(pose.SKELETONS["openpose-18"].mirror)
+
+    def apart(mirror: bool) -> float:
+        estimator = pose.Estimator("builtin:ogg-lite", onnxruntime="tract", mirror=mirror)
+        straight = estimator.estimate(frame.image).keypoints[0]
+        turned = estimator.estimate(np.ascontiguousarray(frame.image[:, ::-1])).keypoints[0, exchanged]
+        assert np.linalg.norm(straight[2:5, :2] - frame.joints_px[2:5], axis=1).max() < 8.0
+        turned[:, 0] = 319.0 - turned[:, 0]
+        both = (straight[:, 2] > 0.3) & (turned[:, 2] > 0.3)
+        assert both[2:5].all()
+        return np.abs(straight - turned)[both].max()
+
+    assert apart(mirror=True) < 0.05 < 0.5 < apart(mirror=False)
+
+
 def annotation(image, points, visibility=2, **rest):
     flat = [number for u, v in points for number in (float(u), float(v), visibility)]
     low, high = np.min(points, axis=0), np.max(points, axis=0)

@@ -91,7 +91,8 @@ impl Cell {
             config::Side::Left => pose::Side::Left,
             config::Side::Right => pose::Side::Right,
         };
-        Vision::load(&model, &runtime, side, self.lift.clone())
+        let vision = Vision::load(&model, &runtime, side, self.lift.clone())?;
+        if self.config.pose.mirror { vision.mirrored() } else { Ok(vision) }
     }
 
     /// Opens the pictures. `length` ends the synthetic worker; `epoch` is the zero of a camera's capture times.

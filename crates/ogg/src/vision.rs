@@ -62,6 +62,15 @@ impl Vision {
         Ok(Self { views, lift })
     }
 
+    /// Looks at every picture a second time, mirrored.
+    ///
+    /// # Errors
+    /// [`Error::Pose`] for a network that does not answer with maps.
+    pub fn mirrored(self) -> Result<Self, Error> {
+        let mirrored = |view: View| Ok(View { estimator: view.estimator.mirrored()?, ..view });
+        Ok(Self { views: self.views.into_iter().map(mirrored).collect::<Result<_, Error>>()?, lift: self.lift })
+    }
+
     /// The lift with its cameras.
     pub fn lift(&self) -> &Lift {
         &self.lift

@@ -191,6 +191,25 @@ impl Preprocessor {
         self.is_padded = true;
         &self.data
     }
+
+    /// Exchanges left and right in the tensor. Twice changes nothing.
+    pub(crate) fn mirror(&mut self) {
+        let (width, layout) = (self.width, self.layout);
+        match &mut self.data {
+            TensorData::F32(v) => mirror(v, width, layout),
+            TensorData::I32(v) => mirror(v, width, layout),
+            TensorData::U8(v) => mirror(v, width, layout),
+        }
+    }
+}
+
+fn mirror<T>(values: &mut [T], width: usize, layout: Layout) {
+    match layout {
+        Layout::Nchw => values.chunks_exact_mut(width).for_each(<[T]>::reverse),
+        Layout::Nhwc => {
+            values.chunks_exact_mut(width * 3).for_each(|row| row.as_chunks_mut::<3>().0.reverse());
+        }
+    }
 }
 
 #[cfg(test)]

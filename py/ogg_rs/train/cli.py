@@ -147,6 +147,8 @@ def parser() -> argparse.ArgumentParser:
                         help="folder of pictures without people: how often somebody is found; needs the wheel")  # fmt: skip
     evaluate.add_argument("--decoder", action="store_true",
                           help="joints as the daemon finds them, peaks joined by limbs, instead of each map's highest peak; needs the wheel")  # fmt: skip
+    evaluate.add_argument("--mirror", action="store_true",
+                          help="look at every picture a second time, mirrored, and take the mean; with --decoder or --nobody")  # fmt: skip
     evaluate.add_argument("--every", type=int, default=1, help="judge every n-th frame of --reference")
     evaluate.add_argument("--images", type=Path)
     evaluate.add_argument("--json", type=Path)

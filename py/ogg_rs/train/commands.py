@@ -185,7 +185,7 @@ def fusion_study(options: argparse.Namespace) -> None:
         study.pictures(prepared, CocoKeypoints(options.test), columns, options.seeds[0], options.pictures)
 
 
-def load_answer(path: Path, *, decoder: bool = False) -> real.Answer:
+def load_answer(path: Path, *, decoder: bool = False, mirror: bool = False) -> real.Answer:
     """A network by its file, fed as its card says. Without a card: fed as `ogg-lite`. Joints are the highest peaks of
     their maps, or with the `decoder` what the daemon makes of the maps."""
     import onnxruntime
@@ -193,7 +193,7 @@ def load_answer(path: Path, *, decoder: bool = False) -> real.Answer:
     if not path.is_file():
         raise FileNotFoundError(f"{path}: expected an exported network")
     if decoder:
-        return real.people_answer(path)
+        return real.people_answer(path, mirror=mirror)
     shape = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"]).get_inputs()[0].shape
     size = (shape[3], shape[2])
     stride, normalise = card.reading(path.with_suffix(".toml"))
@@ -202,13 +202,15 @@ def load_answer(path: Path, *, decoder: bool = False) -> real.Answer:
 
 def score_model(options: argparse.Namespace) -> None:
     """`eval`."""
+    if options.mirror and not (options.decoder or options.nobody):
+        raise ValueError("--mirror: expected with --decoder or --nobody, the mean of two looks is the native module's")
     if options.data:
         score_data(options)
         return
     if options.nobody:
         score_nobody(options)
         return
-    answer = load_answer(options.model, decoder=options.decoder)
+    answer = load_answer(options.model, decoder=options.decoder, mirror=options.mirror)
     if options.crops:
         cases = real.crop_cases(options.crops)
         pairs = [(case, real.look(answer, case.image, case.window)) for case in tqdm(cases, desc="scoring", leave=False)]
@@ -239,7 +241,7 @@ def score_nobody(options: argparse.Namespace) -> None:
     """People who are found where there is nobody."""
     if not options.nobody.is_dir():
         raise FileNotFoundError(f"{options.nobody}: expected a folder of pictures")
-    seen = everybody(options.model.with_suffix(".toml"), "openpose-18")
+    seen = everybody(options.model.with_suffix(".toml"), "openpose-18", mirror=options.mirror)
     ghosts = [seen(picture.image) for picture in tqdm(teaching.shown([options.nobody], 1), desc="scoring", leave=False)]
     if not ghosts:
         raise FileNotFoundError(f"{options.nobody}: expected pictures ({', '.join(teaching.PICTURES)})")
@@ -257,7 +259,7 @@ TINY = Image.new("RGB", (1, 1))
 def score_data(options: argparse.Namespace) -> None:
     """Visible joints, covered arm joints, and arm joints under fabric of pictures with one person."""
     data = CocoKeypoints(options.data, images=options.images)
-    answer = load_answer(options.model, decoder=options.decoder)
+    answer = load_answer(options.model, decoder=options.decoder, mirror=options.mirror)
     fabric = data.under_fabric()
     subsets = {"visible": [], "covered": [], "under fabric": []}
     alone = [i for i in range(len(data)) if len(data.people[i][0]) == 1]
@@ -275,7 +277,7 @@ def score_data(options: argparse.Namespace) -> None:
             cases.append(Case(sample.image, sample.joints_px[0], counts[name], data.torso_px(i)))
     report: dict[str, dict] = {}
     if options.decoder and len(alone) < len(data):
-        together = grouping.judge(data, everybody(options.model.with_suffix(".toml"), "openpose-18"))
+        together = grouping.judge(data, everybody(options.model.with_suffix(".toml"), "openpose-18", mirror=options.mirror))
         print(together)
         report["several people"] = asdict(together)
     found = None

@@ -67,12 +67,12 @@ def map_answer(run: object, size: tuple[int, int], normalise: object, stride: in
     return answer
 
 
-def people_answer(model: Path) -> Answer:
+def people_answer(model: Path, *, mirror: bool = False) -> Answer:
     """The best person as the daemon finds them: peaks joined by limbs; needs the installed wheel."""
     card = model.with_suffix(".toml")
     if not card.is_file():
         raise FileNotFoundError(f"{card}: expected the card of the network")
-    seen = best_person(card, "openpose-18")
+    seen = best_person(card, "openpose-18", mirror=mirror)
 
     def answer(image: Image.Image) -> Found:
         found = seen(image)

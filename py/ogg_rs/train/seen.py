@@ -14,14 +14,14 @@ Seen = NDArray[np.float64]
 
 
 def everybody(
-    card: str | Path, skeleton: str, *, weights: Sequence[str | Path] = (), threads: int = 1
+    card: str | Path, skeleton: str, *, weights: Sequence[str | Path] = (), threads: int = 1, mirror: bool = False
 ) -> Callable[[Image.Image], Seen]:
     """The network of a model card; its answer is all people `(people, n, 3)`, the surest first. Needs the installed wheel."""
     try:
         from .. import pose
     except ImportError as error:
         raise ImportError(f"{error}: the network runs in the native module: pip install ogg_rs") from error
-    estimator = pose.Estimator(card, weights_dirs=weights, threads=threads)
+    estimator = pose.Estimator(card, weights_dirs=weights, threads=threads, mirror=mirror)
 
     def answer(image: Image.Image) -> Seen:
         estimator.reset()
@@ -32,10 +32,10 @@ def everybody(
 
 
 def best_person(
-    card: str | Path, skeleton: str, *, weights: Sequence[str | Path] = (), threads: int = 1
+    card: str | Path, skeleton: str, *, weights: Sequence[str | Path] = (), threads: int = 1, mirror: bool = False
 ) -> Callable[[Image.Image], Seen | None]:
     """The surest person of `everybody`, `None` where there is nobody."""
-    people = everybody(card, skeleton, weights=weights, threads=threads)
+    people = everybody(card, skeleton, weights=weights, threads=threads, mirror=mirror)
 
     def answer(image: Image.Image) -> Seen | None:
         found = people(image)

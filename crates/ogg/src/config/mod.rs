@@ -118,6 +118,9 @@ pub struct Pose {
     pub provider: String,
     /// Threads within one operator.
     pub threads: usize,
+    /// Looks at every picture a second time, mirrored, and takes the mean of both answers: more exact, and twice the work.
+    #[serde(default)]
+    pub mirror: bool,
 }
 
 /// Who is followed.

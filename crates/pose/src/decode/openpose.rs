@@ -63,7 +63,7 @@ pub struct MapView<'a> {
 
 impl MapView<'_> {
     /// Copies one channel into a plane of `height * width` cells.
-    fn copy_plane(&self, channel: usize, plane: &mut [f32]) {
+    pub(crate) fn copy_plane(&self, channel: usize, plane: &mut [f32]) {
         let cells = self.width * self.height;
         let c = self.first + channel;
         match self.layout {

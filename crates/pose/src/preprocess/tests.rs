@@ -264,3 +264,27 @@ fn every_kind_of_tensor_holds_the_same_picture() {
         }
     }
 }
+
+/// Judge: the same fill of a picture that is mirrored by hand.
+#[test]
+fn a_mirrored_tensor_is_that_of_the_mirrored_picture() {
+    let image: Vec<u8> = (0..40 * 30 * 3).map(|i| (i * 31 % 256) as u8).collect();
+    let mirrored: Vec<u8> = image
+        .chunks_exact(40 * 3)
+        .flat_map(|row| row.as_chunks::<3>().0.iter().rev().flatten().copied().collect::<Vec<_>>())
+        .collect();
+    let map = CropMap::letterbox(40, 30, 24, 32);
+    for layout in [Layout::Nhwc, Layout::Nchw] {
+        let mut p = Preprocessor::new(&InputSpec { layout, ..spec(24, 32) });
+        let straight = p.fill(ImageView::new(40, 30, &image).unwrap(), map).clone();
+        p.mirror();
+        let got = p.data().clone();
+        p.mirror();
+        assert_eq!(p.data(), &straight);
+        let expected = p.fill(ImageView::new(40, 30, &mirrored).unwrap(), map);
+        for (got, expected) in floats(&got).iter().zip(floats(expected)) {
+            assert!(f64::from(got - expected).abs() <= tolerance(map.scale), "{layout:?}: {got} {expected}");
+        }
+        assert_ne!(&got, &straight);
+    }
+}
