@@ -187,7 +187,14 @@ pub(super) fn rgb_from_yuv420(planes: Planes<'_>, colour: ColourSpace) -> Result
             buffers.convert(y[row * y_stride..row * y_stride + columns].iter().copied(), out);
         }
     }
-    Ok(RgbImage::from_raw(width, height, pixels).unwrap_or_default())
+    Ok(image_of(width, height, pixels))
+}
+
+fn image_of(width: u32, height: u32, pixels: Vec<u8>) -> RgbImage {
+    let Some(image) = RgbImage::from_raw(width, height, pixels) else {
+        unreachable!("the pixels were made for the size")
+    };
+    image
 }
 
 /// Converts packed 4:2:2 (`Y0 Cb Y1 Cr`), the YUYV of cameras.
@@ -217,7 +224,7 @@ pub fn rgb_from_yuyv(
             buffers.convert(row.as_chunks::<2>().0.iter().map(|pair| pair[0]), out);
         }
     }
-    Ok(RgbImage::from_raw(width, height, pixels).unwrap_or_default())
+    Ok(image_of(width, height, pixels))
 }
 
 #[cfg(test)]

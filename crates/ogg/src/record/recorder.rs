@@ -318,7 +318,10 @@ fn write_all<W: Write + Seek>(
             Taken::Work(Work::Picture(at, messages)) => (at, messages),
             // Only pictures can fail to encode.
             Taken::Work(Work::Sample(stamped)) => {
-                (stamped.at, encoder.encode(stamped.at, &stamped.sample).unwrap_or_default())
+                let Ok(messages) = encoder.encode(stamped.at, &stamped.sample) else {
+                    unreachable!("it is no picture")
+                };
+                (stamped.at, messages)
             }
             Taken::Nothing => (Duration::ZERO, Vec::new()),
             Taken::Closed => return Ok(file.finish()?),

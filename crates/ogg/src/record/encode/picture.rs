@@ -24,7 +24,8 @@ pub(super) fn reduced(image: &RgbImage, n: u32) -> RgbImage {
         }
         out.extend(sums.iter().map(|sum| ((sum + area / 2) / area) as u8));
     }
-    RgbImage::from_raw(width, height, out).unwrap_or_default()
+    let Some(image) = RgbImage::from_raw(width, height, out) else { unreachable!("three sums for every block") };
+    image
 }
 
 /// JPEG with its colours at half the resolution (4:2:0), as cameras send them.
