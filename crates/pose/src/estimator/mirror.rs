@@ -1,8 +1,8 @@
 //! A second look at the mirrored picture.
 //!
 //! The maps of the mirrored picture are mirrored back, right and left are exchanged, and the mean of both looks is decoded. Pose
-//! networks are commonly scored so (Newell et al. 2016, section 3.3; "flip test"): what a network says of one side only
-//! loses half its weight.
+//! networks are commonly scored so (Newell et al. 2016; "flip test"): what a network says of one side only loses half its
+//! weight.
 
 use crate::{
     Error, Part, Result,

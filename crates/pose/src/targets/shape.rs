@@ -66,12 +66,13 @@ impl Bell {
         Self { x, y, gain, rows, columns }
     }
 
-    /// Its factor in the column or the row of a centre: the two of a cell multiply.
+    /// Its factor in the column of a centre; a cell's value is that times the row's.
     #[inline(always)]
     pub(super) fn across(&self, centre: f32) -> f32 {
         (self.gain * (centre - self.x).powi(2)).exp()
     }
 
+    /// Its factor in the row of a centre.
     #[inline(always)]
     pub(super) fn down(&self, centre: f32) -> f32 {
         (self.gain * (centre - self.y).powi(2)).exp()
